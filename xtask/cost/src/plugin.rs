@@ -1,4 +1,8 @@
-//! The interface to QEMU: TCG plugins, version 1 (QEMU 4.2 and later).
+//! The interface to QEMU: TCG plugins, versions 1 (up to QEMU 8), 2 (9.0) and 3 (from 9.1 on; later versions add to it).
+//!
+//! QEMU looks at the version of a plugin when it has loaded it, and refuses one that is older than it allows or newer
+//! than it knows: no number suits all. So a constructor, which runs while the plugin is loaded, sets the number, by
+//! what the QEMU around it exports.
 //!
 //! `-plugin libcost.so,elf=PROGRAM,out=REPORT.json` records the profile; what else there is to observe
 //! is said by further arguments, see [`observer`](crate::observer). QEMU calls in from its one
@@ -8,10 +12,13 @@
 
 use std::{
     ffi::{CStr, c_char, c_int, c_uint, c_void},
-    fs,
+    fs, mem,
     path::PathBuf,
     ptr, slice,
-    sync::{Mutex, MutexGuard, PoisonError},
+    sync::{
+        Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicI32, Ordering::Relaxed},
+    },
 };
 
 use crate::observer::{self, Observer};
@@ -45,7 +52,7 @@ unsafe extern "C" {
     fn qemu_plugin_tb_n_insns(block: *const Block) -> usize;
     fn qemu_plugin_tb_get_insn(block: *const Block, index: usize) -> *mut Insn;
     fn qemu_plugin_insn_vaddr(insn: *const Insn) -> u64;
-    fn qemu_plugin_insn_data(insn: *const Insn) -> *const c_void;
+    fn qemu_plugin_insn_data(insn: *const Insn, to: *mut c_void, size: usize) -> usize;
     fn qemu_plugin_insn_size(insn: *const Insn) -> usize;
     fn qemu_plugin_register_vcpu_insn_exec_cb(
         insn: *mut Insn,
@@ -63,10 +70,51 @@ unsafe extern "C" {
     fn qemu_plugin_mem_is_store(info: u32) -> bool;
 }
 
-/// The version of the interface, by which QEMU knows a plugin.
+unsafe extern "C" {
+    /// POSIX: the address of a symbol, null if nothing that is loaded exports it.
+    fn dlsym(handle: *mut c_void, name: *const c_char) -> *mut c_void;
+}
+
+/// Everything that is loaded.
+const RTLD_DEFAULT: *mut c_void = if cfg!(target_os = "macos") {
+    ptr::without_provenance_mut(-2_isize as usize)
+} else {
+    ptr::null_mut()
+};
+
+/// The first version in which the bytes of an instruction are copied.
+const COPIES: c_int = 3;
+/// Functions that came with a version of the interface, the newest first.
+const NEW_IN: [(c_int, &CStr); 2] = [
+    (COPIES, c"qemu_plugin_register_vcpu_insn_exec_cond_cb"),
+    (2, c"qemu_plugin_scoreboard_new"),
+];
+
+/// The version of the interface, by which QEMU knows a plugin; from [`choose_version`] on that of this QEMU.
 // SAFETY: the name is reserved for this by QEMU; no other plugin is linked in here.
 #[unsafe(no_mangle)]
-pub(crate) static qemu_plugin_version: c_int = 1;
+pub(crate) static qemu_plugin_version: AtomicI32 = AtomicI32::new(1);
+
+/// Has the loader call [`choose_version`].
+#[used]
+#[cfg_attr(target_os = "macos", unsafe(link_section = "__DATA,__mod_init_func"))]
+#[cfg_attr(not(target_os = "macos"), unsafe(link_section = ".init_array"))]
+static CONSTRUCTOR: extern "C" fn() = choose_version;
+
+extern "C" fn choose_version() {
+    let is_there = |name: &CStr| {
+        // SAFETY: the name ends with a zero.
+        !unsafe { dlsym(RTLD_DEFAULT, name.as_ptr()) }.is_null()
+    };
+    qemu_plugin_version.store(version(is_there), Relaxed);
+}
+
+/// Returns the version of a QEMU that exports these functions.
+fn version(is_there: impl Fn(&CStr) -> bool) -> c_int {
+    let mut new = NEW_IN.into_iter();
+    new.find(|(_, name)| is_there(name))
+        .map_or(1, |(version, _)| version)
+}
 
 /// Who observes, and where the report goes.
 struct Session {
@@ -81,6 +129,32 @@ fn session() -> MutexGuard<'static, Option<Session>> {
     SESSION.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Returns the halves of an instruction, 0 for one that it does not have.
+///
+/// # Safety
+///
+/// The instruction must belong to the block that is being translated.
+unsafe fn code(insn: *const Insn) -> [u16; 2] {
+    let mut bytes = [0; 4];
+    // SAFETY: as the caller promises.
+    let size = unsafe { qemu_plugin_insn_size(insn) }.min(bytes.len());
+    if qemu_plugin_version.load(Relaxed) >= COPIES {
+        // SAFETY: `bytes` has room.
+        unsafe { qemu_plugin_insn_data(insn, bytes.as_mut_ptr().cast(), size) };
+    } else {
+        let with_copy: unsafe extern "C" fn(*const Insn, *mut c_void, usize) -> usize =
+            qemu_plugin_insn_data;
+        // SAFETY: this is the function of the older versions.
+        let with_pointer: unsafe extern "C" fn(*const Insn) -> *const u8 =
+            unsafe { mem::transmute(with_copy) };
+        // SAFETY: QEMU keeps the bytes until the callback for the block returns.
+        let data = unsafe { slice::from_raw_parts(with_pointer(insn), size) };
+        bytes[..size].copy_from_slice(data);
+    }
+    let half = |at| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
+    [half(0), half(2)]
+}
+
 extern "C" fn translate(_: u64, block: *mut Block) {
     // SAFETY: QEMU passes a block that lives during this call.
     let count = unsafe { qemu_plugin_tb_n_insns(block) };
@@ -90,14 +164,7 @@ extern "C" fn translate(_: u64, block: *mut Block) {
         // SAFETY: the instruction belongs to the block.
         let address = unsafe { qemu_plugin_insn_vaddr(insn) } as u32;
         // SAFETY: as above.
-        let (data, size) = unsafe { (qemu_plugin_insn_data(insn), qemu_plugin_insn_size(insn)) };
-        // SAFETY: QEMU keeps the `size` bytes at `data` until this callback returns.
-        let bytes = unsafe { slice::from_raw_parts(data.cast::<u8>(), size) };
-        let half = |at| {
-            let bytes = bytes.get(at..at + 2)?;
-            Some(u16::from_le_bytes([bytes[0], bytes[1]]))
-        };
-        let code = [half(0).unwrap_or(0), half(2).unwrap_or(0)];
+        let code = unsafe { code(insn) };
         let Some(number) = session()
             .as_mut()
             .map(|session| session.observer.site(address, code))
@@ -190,4 +257,25 @@ pub(crate) unsafe extern "C" fn qemu_plugin_install(
         qemu_plugin_register_atexit_cb(id, exit, ptr::null_mut());
     }
     0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_version_is_known_by_what_came_with_it() {
+        const OLD: &str = "qemu_plugin_insn_data";
+        const SCORES: &str = "qemu_plugin_scoreboard_new";
+        const CONDITIONS: &str = "qemu_plugin_register_vcpu_insn_exec_cond_cb";
+        for (exported, expected) in [
+            (&[][..], 1),
+            (&[OLD], 1),
+            (&[OLD, SCORES], 2),
+            (&[OLD, SCORES, CONDITIONS], 3),
+        ] {
+            let is_there = |name: &CStr| exported.iter().any(|it| name.to_bytes() == it.as_bytes());
+            assert_eq!(version(is_there), expected, "{exported:?}");
+        }
+    }
 }
