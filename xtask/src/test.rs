@@ -56,12 +56,15 @@ pub(crate) fn start(arguments: Vec<OsString>) -> Result<ExitCode> {
     }
     let matches = command().get_matches_from(arguments);
     let only = matches.get_one::<String>("only");
-    check::run(
-        checks()?,
-        only.map(String::as_str),
-        matches.get_flag("list"),
-        1,
-    )
+    let is_list = matches.get_flag("list");
+    if !is_list {
+        // Checks without it go on, and those that need it say the same.
+        match cargo::need_qemu() {
+            Ok(version) => ui::status("Emulator", &format!("QEMU {version}")),
+            Err(error) => ui::warning(&error.to_string()),
+        }
+    }
+    check::run(checks()?, only.map(String::as_str), is_list, 1)
 }
 
 /// A check that needs no words when it passes.

@@ -205,12 +205,67 @@ fn rustup(arguments: &[&str]) -> Result<()> {
     wait(Command::new("rustup").args(arguments).current_dir(root()))
 }
 
-/// Makes sure that QEMU is there.
-pub fn need_qemu() -> Result<()> {
-    ensure!(
-        is_there("qemu-system-arm"),
+/// The oldest QEMU that will do.
+const OLDEST_QEMU: (u32, u32) = (7, 2);
+
+/// Makes sure that QEMU is there and new enough, and returns its version.
+pub fn need_qemu() -> Result<String> {
+    let asked = Command::new("qemu-system-arm").arg("--version").output();
+    let asked = asked.ok().filter(|asked| asked.status.success());
+    let asked = asked.context(
         "qemu-system-arm is not installed\n(Debian, Ubuntu: `sudo apt-get install qemu-system-arm`, \
-         macOS: `brew install qemu`)"
+         macOS: `brew install qemu`)",
+    )?;
+    qemu_version(&String::from_utf8_lossy(&asked.stdout))
+}
+
+/// Reads the version from what QEMU says of itself.
+///
+/// # Errors
+///
+/// If it is too old.
+fn qemu_version(said: &str) -> Result<String> {
+    let version = said.split_once("version ").map_or("", |(_, rest)| rest);
+    let version = version.split_whitespace().next().unwrap_or_default();
+    let mut numbers = version.split('.').map_while(|part| part.parse().ok());
+    let (Some(major), Some(minor)) = (numbers.next(), numbers.next()) else {
+        bail!("qemu-system-arm does not tell its version");
+    };
+    let (oldest_major, oldest_minor) = OLDEST_QEMU;
+    ensure!(
+        (major, minor) >= OLDEST_QEMU,
+        "QEMU {version} is too old: {oldest_major}.{oldest_minor} or newer is needed"
     );
-    Ok(())
+    Ok(version.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_emulator_that_is_too_old_is_refused() {
+        let version = |said: &str| qemu_version(said).map_err(|error| error.to_string());
+        for (said, expected) in [
+            (
+                "QEMU emulator version 7.2.22 (Debian 1:7.2+dfsg-7+deb12u18+b3)\nCopyright",
+                "7.2.22",
+            ),
+            ("QEMU emulator version 10.0.2\nCopyright", "10.0.2"),
+            ("QEMU emulator version 8.0.50 (v8.0.0-1-gabc)", "8.0.50"),
+        ] {
+            assert_eq!(version(said), Ok(expected.to_owned()));
+        }
+        for old in ["7.1.0", "6.2.0"] {
+            let refusal = format!("QEMU {old} is too old: 7.2 or newer is needed");
+            assert_eq!(
+                version(&format!("QEMU emulator version {old}\n")),
+                Err(refusal)
+            );
+        }
+        for said in ["", "QEMU emulator version ten"] {
+            let refusal = "qemu-system-arm does not tell its version";
+            assert_eq!(version(said), Err(refusal.to_owned()));
+        }
+    }
 }
