@@ -28,17 +28,15 @@ mod rig {
         line: heapless::Vec<u8, 128>,
     }
 
-    /// A machine. It stays where it is made: there is no room for two.
-    pub(crate) fn machine() -> Simulator {
-        Simulator::new(&Settings {
-            max_rate_mm_min: Axes::all(5000.0),
-            acceleration_mm_s2: Axes::all(500.0),
-            ..Settings::default()
-        })
-    }
-
     impl<'a> Rig<'a> {
+        /// Switches on a machine. It stays where it was made: there is no room for two.
         pub(crate) fn new(machine: &'a mut Simulator) -> Self {
+            let settings = Settings {
+                max_rate_mm_min: Axes::all(5000.0),
+                acceleration_mm_s2: Axes::all(500.0),
+                ..Settings::default()
+            };
+            machine.switch_on(&settings, None);
             machine.settle();
             Self {
                 machine,
@@ -97,13 +95,13 @@ mod rig {
 #[defmt_test::tests]
 mod tests {
     use defmt::{assert, assert_eq};
-    use leadscrew::model::State;
+    use leadscrew::{model::State, sim::Simulator};
 
-    use crate::rig::{Rig, machine};
+    use crate::rig::Rig;
 
     #[test]
     fn lines_and_arcs_end_on_their_steps() {
-        let mut machine = machine();
+        let mut machine = Simulator::off();
         let mut rig = Rig::new(&mut machine);
         rig.send(b"G21G90\nG1X10Y-5.004F3000\nG3X0Y-5.004I-5J0\nG18G2X2Z2R2\nG91G0X-0.3\n");
         rig.play(usize::MAX);
@@ -115,7 +113,7 @@ mod tests {
 
     #[test]
     fn a_hold_makes_no_step_more_or_less() {
-        let mut machine = machine();
+        let mut machine = Simulator::off();
         let mut rig = Rig::new(&mut machine);
         rig.send(b"G1X8Y3F4000\nX0Y0\n");
         for _ in 0..5 {
@@ -132,7 +130,7 @@ mod tests {
 
     #[test]
     fn a_reset_in_motion_keeps_the_position() {
-        let mut machine = machine();
+        let mut machine = Simulator::off();
         let mut rig = Rig::new(&mut machine);
         rig.send(b"G1X8F4000\n");
         rig.play(1000);
@@ -145,7 +143,7 @@ mod tests {
 
     #[test]
     fn bad_lines_get_an_error_each_and_move_nothing() {
-        let mut machine = machine();
+        let mut machine = Simulator::off();
         let mut rig = Rig::new(&mut machine);
         rig.send(b"G1X1\nG2X1Y1F100\nG0X1e9\nX\0Y\xffZ\n(\n$7\nG0X99999999999999999999\n");
         rig.play(usize::MAX);

@@ -26,13 +26,6 @@ mod target {
     };
     use stm32f4xx_hal as _;
 
-    /// The virtual machine is built on the stack and moved, so it needs more than the smallest chip
-    /// has: here the stack begins at the end of the 192 KiB of the emulated one.
-    #[expect(unsafe_code, reason = "a symbol of the linker script")]
-    mod stack {
-        core::arch::global_asm!(".global _stack_start", ".set _stack_start, 0x20030000");
-    }
-
     #[panic_handler]
     fn panic(info: &core::panic::PanicInfo) -> ! {
         semihosting::eprintln!("{info}");
@@ -182,7 +175,8 @@ mod target {
                 text: heapless::String::new(),
             },
         };
-        let mut simulator = Simulator::new(&settings);
+        let mut simulator = Simulator::off();
+        simulator.switch_on(&settings, None);
         let mut stream =
             Stream::new(&mut simulator, Bytes::new(program), 115_200).with_statements_at_rest();
         let end = stream.run(&mut witness);

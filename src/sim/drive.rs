@@ -96,9 +96,17 @@ impl Drive {
     }
 
     fn with_inputs(settings: &Settings, alarm: Option<Alarm>, inputs: Inputs) -> Self {
-        // Constants, which are copied to where they stay: an emulated chip has no room for two of
-        // them.
-        let mut drive = Self {
+        let mut drive = Self::off(inputs);
+        drive.switch_on(settings, alarm);
+        drive
+    }
+
+    /// Returns a drive that is switched off: it waits for [`Drive::switch_on`].
+    #[inline(never)]
+    pub(super) fn off(inputs: Inputs) -> Self {
+        // Constants, which are copied to where they stay, by a function that is called with the place: an
+        // emulated chip has no room for two of them.
+        Self {
             motion: const { Motion::new() },
             published: Snapshot::default(),
             segments: const { SegmentRing::new() },
@@ -114,12 +122,15 @@ impl Drive {
             events: const { EventRing::new() },
             timer: VirtualTimer::new(),
             platform: VirtualPlatform::new(Outputs::default()),
-        };
-        drive.published = drive.motion.power_up(settings, &drive.inputs, alarm);
-        drive.watch = Watch::new(Levels::NONE, &drive.inputs);
-        drive.platform.outputs = *drive.motion.outputs();
-        drive.configure_mechanics(settings);
-        drive
+        }
+    }
+
+    /// Switches the drive on with these settings.
+    pub(super) fn switch_on(&mut self, settings: &Settings, alarm: Option<Alarm>) {
+        self.published = self.motion.power_up(settings, &self.inputs, alarm);
+        self.watch = Watch::new(Levels::NONE, &self.inputs);
+        self.platform.outputs = *self.motion.outputs();
+        self.configure_mechanics(settings);
     }
 
     /// Returns the machine as a task reads it now.

@@ -3,7 +3,7 @@
 use super::{Drive, Edge, Flash, PlayedSegment, Switch};
 use crate::{
     axis::Axes,
-    machine::Snapshot,
+    machine::{Inputs, Snapshot},
     model::{
         Alarm, Levels, Outputs, Requests, ResetCause, SelfTestFault, Spindle, State,
         queues::{RECEIVED_RING, SENT_RING},
@@ -45,20 +45,32 @@ impl Simulator {
     /// Returns a machine that is switched on with these settings stored, and comes up with an alarm.
     #[must_use]
     pub fn with_alarm(settings: &Settings, alarm: Option<Alarm>) -> Self {
+        let mut simulator = Self::off();
+        simulator.switch_on(settings, alarm);
+        simulator
+    }
+
+    /// Returns a new machine that is switched off: it waits for [`Simulator::switch_on`].
+    #[must_use]
+    pub fn off() -> Self {
+        Self::with_flash(Flash::new())
+    }
+
+    /// Switches on a new machine with these settings stored. It stays where it is: a chip has no room for two.
+    pub fn switch_on(&mut self, settings: &Settings, alarm: Option<Alarm>) {
         let stored = Stored {
             settings: *settings,
             ..Stored::default()
         };
-        let mut journal = Journal::new(Flash::new());
         // A new flash whose power stays on has room for the settings.
-        let _ = journal.load();
-        let _ = journal.write(
+        let _ = self.journal.load();
+        let _ = self.journal.write(
             Change::Settings,
             Erasing::Allowed,
             &stored,
             &ToolTable::new(),
         );
-        Self::start(journal, settings.step_rate, alarm)
+        self.start(settings.step_rate, alarm);
     }
 
     /// Returns a machine that has these settings stored, after a reset.
@@ -101,22 +113,17 @@ impl Simulator {
     #[must_use]
     pub fn power_up(mut flash: Flash, step_rate: StepRate) -> Self {
         flash.power_up();
-        Self::start(Journal::new(flash), step_rate, None)
+        let mut simulator = Self::with_flash(flash);
+        simulator.start(step_rate, None);
+        simulator
     }
 
-    /// Returns a machine with the contents of the journal.
-    fn start(mut journal: Journal<Flash>, step_rate: StepRate, alarm: Option<Alarm>) -> Self {
-        let Loaded {
-            mut stored,
-            is_first_boot,
-        } = journal.load().unwrap_or_default();
-        stored.settings.step_rate = step_rate;
-        let mut session = Session::new(&stored, is_first_boot);
-        let _ = journal.load_tools(session.tools_mut());
+    /// Returns a machine that is switched off.
+    fn with_flash(flash: Flash) -> Self {
         Self {
-            drive: Drive::power_up(&stored.settings, alarm),
-            session,
-            journal,
+            drive: Drive::off(Inputs::new()),
+            session: Session::new(&Stored::default(), false),
+            journal: Journal::new(flash),
             requests: Requests::new(),
             received: Bytes::new(),
             sent: Bytes::new(),
@@ -125,6 +132,18 @@ impl Simulator {
             is_interpret_released: true,
             is_report_released: false,
         }
+    }
+
+    /// Starts with the contents of the journal.
+    fn start(&mut self, step_rate: StepRate, alarm: Option<Alarm>) {
+        let Loaded {
+            mut stored,
+            is_first_boot,
+        } = self.journal.load().unwrap_or_default();
+        stored.settings.step_rate = step_rate;
+        self.session = Session::new(&stored, is_first_boot);
+        let _ = self.journal.load_tools(self.session.tools_mut());
+        self.drive.switch_on(&stored.settings, alarm);
     }
 
     /// Switches the machine off. Returns the flash.
