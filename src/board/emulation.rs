@@ -1,6 +1,6 @@
 //! A stand-in for the hardware that the emulator lacks: the step timer, other timers, pins.
 //!
-//! QEMU 7.2's netduinoplus2 has no RCC, no GPIO and no basic timers, and its SysTick is no clock
+//! QEMU's netduinoplus2 has no clocks, no GPIO and no basic timers, and its SysTick is no clock
 //! for a hundred thousand events a second. So the step timer does not count there: the handler of a
 //! vector that the machine does not use, TIM2's, stands in for it. A run of the handler advances
 //! the time to the next event, reads the time of the event after that from the reload register, and
@@ -83,7 +83,8 @@ pub(super) fn is_emulated() -> bool {
     IS_EMULATED.load(Relaxed)
 }
 
-/// Returns whether the firmware runs in the emulator, by its RCC: no chip has all clocks off.
+/// Returns whether the firmware runs in the emulator, by its RCC: no chip has all clocks off. To be called before
+/// anything writes to it: from version 10 on, QEMU keeps what is written.
 pub(super) fn detect(rcc: &pac::RCC) -> bool {
     let is_emulated = rcc.cr().read().bits() == 0;
     IS_EMULATED.store(is_emulated, Relaxed);

@@ -1,4 +1,5 @@
-//! The flash of the journal: 16 KiB of each of two sectors, which the board's file chooses. RM0090 3.6, RM0390 3.5.
+//! The flash of the journal: 16 KiB of each of two sectors, which the board's file chooses; 8 KiB of each on a board
+//! that has an emulator, where they are RAM. RM0090 3.6, RM0390 3.5.
 //!
 //! The chip cannot read its flash while it erases or programs, so code in flash stands still: 16 µs
 //! for a word and 100 µs at most (data sheet, `t_prog`), which is longer than a byte of the sender, up to 2 s for
@@ -23,7 +24,7 @@ use super::{
 };
 
 /// Bytes used of a sector, and of both sectors.
-const SECTOR: usize = 16 * 1024;
+const SECTOR: usize = if cfg!(feature = "emulated") { 8 } else { 16 } * 1024;
 pub(super) const BOTH: usize = 2 * SECTOR;
 /// Threshold that masks every task: the priority of the step interrupt, the highest.
 const MASK_ALL_TASKS: u8 = nvic_priority(5);

@@ -1,41 +1,55 @@
 //! The flash for settings as memory: the emulator's own flash cannot be written.
 //!
-//! The memory is RAM that no program uses: it keeps its contents through a reset, and is zero at
-//! power-up. The bits are inverted, so that zero means erased.
+//! The memory is RAM that nothing initialises: it keeps its contents through a reset, and is zero at
+//! power-up. The bits are inverted, so that zero means erased. It is RAM of the program, because no two
+//! versions of QEMU agree on what is beside the 128 KiB that the chip has.
+
+use core::{cell::UnsafeCell, mem::MaybeUninit};
 
 use crate::board::flash::BOTH;
 
-/// Behind the RAM of the board's chip, in the 192 KiB that the emulated one has.
-const FIRST: *mut u8 = 0x2002_0000 as *mut u8;
-const _: () = assert!(BOTH <= 64 * 1024);
+/// The bytes of both sectors, inverted.
+struct Sectors(UnsafeCell<MaybeUninit<[u8; BOTH]>>);
+
+#[expect(unsafe_code, reason = "memory that nothing initialises")]
+// SAFETY: `SettingsFlash`, of which there is one, alone calls the functions of this file.
+unsafe impl Sync for Sectors {}
+
+#[unsafe(link_section = ".uninit.emulated_flash")]
+#[expect(unsafe_code, reason = "a section")]
+static SECTORS: Sectors = Sectors(UnsafeCell::new(MaybeUninit::uninit()));
+
+/// Returns the address of a byte.
+const fn byte(offset: usize) -> *mut u8 {
+    SECTORS.0.get().cast::<u8>().wrapping_add(offset)
+}
 
 /// Reads bytes; the caller of this and of the functions below has checked the range.
-#[expect(unsafe_code, reason = "memory that no program uses")]
+#[expect(unsafe_code, reason = "memory that nothing initialises")]
 pub(in crate::board) fn read_flash(offset: usize, bytes: &mut [u8]) {
-    for (byte, index) in bytes.iter_mut().zip(offset..) {
-        // SAFETY: the emulated chip has this memory, the linker does not know it, and only these
-        // functions use it.
-        *byte = !unsafe { FIRST.add(index).read_volatile() };
+    for (read, index) in bytes.iter_mut().zip(offset..) {
+        // SAFETY: the byte is in the sectors, which only these functions use, one at a time.
+        *read = !unsafe { byte(index).read_volatile() };
     }
 }
 
 /// Programs bytes: clears bits, which stay clear until they are erased.
-#[expect(unsafe_code, reason = "memory that no program uses")]
+#[expect(unsafe_code, reason = "memory that nothing initialises")]
 pub(in crate::board) fn write_flash(offset: usize, bytes: &[u8]) {
-    for (byte, index) in bytes.iter().zip(offset..) {
+    for (written, index) in bytes.iter().zip(offset..) {
         // SAFETY: as in `read_flash`.
         unsafe {
-            let programmed = FIRST.add(index).read_volatile() | !byte;
-            FIRST.add(index).write_volatile(programmed);
+            let programmed = byte(index).read_volatile() | !written;
+            byte(index).write_volatile(programmed);
         }
     }
 }
 
 /// Erases bytes: sets all bits.
-#[expect(unsafe_code, reason = "memory that no program uses")]
+#[expect(unsafe_code, reason = "memory that nothing initialises")]
 pub(in crate::board) fn erase_flash(offset: usize, length: usize) {
     for index in offset..offset + length {
         // SAFETY: as in `read_flash`.
-        unsafe { FIRST.add(index).write_volatile(0) };
+        unsafe { byte(index).write_volatile(0) };
     }
 }
