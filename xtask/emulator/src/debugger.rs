@@ -37,7 +37,10 @@ impl Debugger {
     fn over(stream: UnixStream, process: u32) -> Result<Self> {
         let stream = Patient::new(stream, process, TIMEOUT)?;
         let mut debugger = Self(BufReader::new(stream));
-        debugger.wait_for_stop()?;
+        // That the machine has stopped is said, to nobody's wish, by QEMU up to 8.0 alone. All of them answer a question
+        // when it has.
+        debugger.send("qAttached")?;
+        while is_stop(&debugger.receive()?) {}
         Ok(debugger)
     }
 
@@ -86,10 +89,7 @@ impl Debugger {
     /// Waits until QEMU says that the machine has stopped.
     fn wait_for_stop(&mut self) -> Result<()> {
         let packet = self.receive()?;
-        ensure!(
-            packet.starts_with('T'),
-            "QEMU does not stop the machine: {packet}"
-        );
+        ensure!(is_stop(&packet), "QEMU does not stop the machine: {packet}");
         Ok(())
     }
 
@@ -116,6 +116,11 @@ impl Debugger {
         self.put(b"+")?;
         Ok(packet)
     }
+}
+
+/// Returns whether a packet says that the machine has stopped.
+fn is_stop(packet: &str) -> bool {
+    packet.starts_with('T')
 }
 
 /// Reads up to the end of a packet and returns its text.
@@ -146,6 +151,9 @@ mod tests {
     use super::*;
 
     const STOPPED: &str = "$T02thread:01;#04";
+    const ATTACHED: (&str, &str) = ("", "$qAttached#8f");
+    /// What QEMU says then.
+    const YES: &str = "+$1#31";
 
     /// QEMU's side of a conversation: what it says, and what it must hear next.
     fn qemu(conversation: Vec<(&'static str, &'static str)>) -> (UnixStream, JoinHandle<()>) {
@@ -168,7 +176,10 @@ mod tests {
     #[test]
     fn a_running_machine_hears_nothing_but_the_wish_to_stop_it() {
         let (stream, qemu) = qemu(vec![
+            ATTACHED,
+            // Up to QEMU 8.0.
             (STOPPED, "+"),
+            (YES, "+"),
             ("", "$c#63"),
             // The receipt of a command comes alone, before the machine stops.
             ("+", "\x03"),
@@ -195,7 +206,8 @@ mod tests {
     fn long_memory_is_read_in_packets_that_qemu_can_send() {
         let first: &str = format!("+${}#00", "11".repeat(CHUNK)).leak();
         let (stream, qemu) = qemu(vec![
-            (STOPPED, "+"),
+            ATTACHED,
+            (YES, "+"),
             ("", "$m20000000,400#af"),
             (first, "+"),
             ("", "$m20000400,1#50"),
@@ -213,7 +225,8 @@ mod tests {
     #[test]
     fn a_stop_that_nobody_wished_is_no_memory() {
         let (stream, qemu) = qemu(vec![
-            (STOPPED, "+"),
+            ATTACHED,
+            (YES, "+"),
             ("", "$m20000000,1#4c"),
             (STOPPED, "+"),
         ]);
