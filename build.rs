@@ -26,7 +26,6 @@ mod board {
 
     use board_data::{BOARD, Board, Clocks, DEFAULT, EEPROM, PHASES, SMALL_EEPROM, rust};
 
-
     /// Writes the board's source, and tells the linker where program and memory are.
     pub(crate) fn make() -> Result<(), Box<dyn Error>> {
         let root = env::var("CARGO_MANIFEST_DIR")?;
