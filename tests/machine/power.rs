@@ -2,7 +2,7 @@
 
 use leadscrew::{
     axis::Axes,
-    model::{Alarm, Levels, Outputs, ResetCause, SelfTestFault},
+    model::{Levels, Outputs, ResetCause, SelfTestFault},
     settings::{Settings, StepRate},
     sim::{Flash, Simulator},
     units::{StepsPerMm, TICKS_PER_SECOND},
