@@ -3,8 +3,9 @@
 
 use std::{
     collections::BTreeMap,
+    io,
     path::{Path, PathBuf},
-    process::{Command, Output},
+    process::{Command, Output, Stdio},
 };
 
 use anyhow::{Context, Result, bail, ensure};
@@ -43,11 +44,17 @@ pub fn rehearse(board: &Board, elf: &Path) -> Result<Verdict> {
         states.retain(|(name, _)| [A_RESET, ALL].contains(name));
     }
     let mut found: BTreeMap<String, Vec<&str>> = BTreeMap::new();
-    for (name, options) in &states {
-        let mut rehearsal = python();
-        rehearsal.arg(scripts().join("rehearse.py")).arg(elf);
-        let output = rehearsal.args(&facts).args(options).output()?;
-        for fault in faults(&output) {
+    // All at once: each is a process of a second or two.
+    let started: io::Result<Vec<_>> = { states.iter() }
+        .map(|(_, options)| {
+            let mut rehearsal = python();
+            rehearsal.arg(scripts().join("rehearse.py")).arg(elf);
+            rehearsal.stdout(Stdio::piped()).stderr(Stdio::piped());
+            rehearsal.args(&facts).args(options).spawn()
+        })
+        .collect();
+    for ((name, _), rehearsal) in states.iter().zip(started?) {
+        for fault in faults(&rehearsal.wait_with_output()?) {
             found.entry(fault).or_default().push(name);
         }
     }
