@@ -2,6 +2,9 @@
 
 use super::pac::{PWR, RCC};
 
+/// Reads of a bit before it counts as stuck: many more than a write takes.
+const MAX_READS: u32 = 1000;
+
 /// Resets the domain where another firmware has left the slow crystal or the clock of the day running: PC14 and PC15
 /// are the crystal's as long as it is on, and PC13 may be the clock's. The registers of the supply must have their clock.
 #[expect(unsafe_code, reason = "a raw word for a register")]
@@ -11,6 +14,8 @@ pub(super) fn release_pins(rcc: &RCC, power: &PWR) {
         return;
     }
     power.cr().modify(|_, w| w.dbp().set_bit());
+    // The buses of both registers are of different speed.
+    let _ = (0..MAX_READS).any(|_| power.cr().read().dbp().bit_is_set());
     rcc.bdcr().modify(|_, w| w.bdrst().set_bit());
     // SAFETY: zero is the value after a reset.
     rcc.bdcr().write(|w| unsafe { w.bits(0) });

@@ -33,8 +33,8 @@ pub(super) struct Clocks {
 }
 
 /// Sets the clocks of the board, and reads flash without prefetch. Without the crystal, or where the voltage detector
-/// runs and finds the supply too low, or with a crystal of another frequency, the internal oscillator takes its place, at a tenth of the frequency: good
-/// enough to say so, and for nothing else. After `supply::watch`, which gives the registers of the supply their clock.
+/// runs and finds the supply too low, or with a crystal of another frequency, the internal oscillator takes its place,
+/// at 16 MHz: good enough for alarm 16, and for nothing else. After `supply::watch`, which gives the registers of the supply their clock.
 ///
 /// # Panics
 ///
@@ -55,6 +55,7 @@ pub(super) fn start(mut rcc: Rcc, flash: &pac::FLASH) -> Clocks {
     if !is_emulated && fault.is_none() {
         raise_voltage(power);
         rcc = rcc.freeze(from_crystal().sysclk(Hertz::from_raw(WIRING.core_hz)));
+        await_pll(&rcc);
         let (core_hz, timers_hz) = (rcc.clocks.hclk().raw(), rcc.clocks.timclk2().raw());
         assert!(
             core_hz == 2 * TICKS_PER_SECOND && timers_hz == u32::from(TIMERS_MHZ) * 1_000_000,
@@ -69,15 +70,20 @@ pub(super) fn start(mut rcc: Rcc, flash: &pac::FLASH) -> Clocks {
     Clocks { rcc, fault }
 }
 
+/// Waits until the PLL is the clock, which the HAL does not; a wait that does not end is the watchdog's.
+fn await_pll(rcc: &pac::RCC) {
+    while !rcc.cfgr().read().sws().is_pll() {}
+}
+
 /// Returns whether the registers say that the core has its clock: PLLCFGR takes nothing while the PLL runs, and
-/// nobody else looks. RM0090 7.3.2, 7.3.3.
+/// nobody else looks. RM0090 7.3.2.
 fn is_core_clock(rcc: &pac::RCC) -> bool {
     let pll = rcc.pllcfgr().read();
     let [m, n] = [pll.pllm().bits().into(), u32::from(pll.plln().bits())];
     let p = 2 * (u32::from(pll.pllp().bits()) + 1);
     let is_exact =
         u64::from(WIRING.crystal_hz) * u64::from(n) == u64::from(WIRING.core_hz) * u64::from(m * p);
-    is_exact && pll.pllsrc().is_hse() && rcc.cfgr().read().sws().is_pll()
+    is_exact && pll.pllsrc().is_hse()
 }
 
 /// Sets the voltage that the clock needs. It takes effect when the PLL is switched on, which must not run yet; that it

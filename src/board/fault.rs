@@ -112,22 +112,19 @@ pub(super) fn expire() -> ! {
     SCB::sys_reset()
 }
 
-/// Says for ever what keeps the firmware from starting: as alarm 16, each second. Its USART must be set up.
+/// Says again and again what keeps the firmware from starting, as alarm 16. Its USART must be set up.
 pub(super) fn refuse(words: &[&str]) -> ! {
-    /// Pauses in a second, each as long as 32 ms at the frequency of the internal oscillator, or less.
-    const PAUSES: u32 = 32;
-    const PAUSE_CYCLES: u32 = 500_000;
+    /// A second at the frequency of the internal oscillator, a tenth of it at full speed.
+    const PAUSE_CYCLES: u32 = 16_000_000;
     FaultPort::open();
     loop {
         let _ = FaultPort.write_str("\r\nALARM:16\r\n[MSG:");
         for word in words {
+            watchdog::feed();
             let _ = FaultPort.write_str(word);
         }
         let _ = FaultPort.write_str("]\r\n");
-        for _ in 0..PAUSES {
-            watchdog::feed();
-            cortex_m::asm::delay(PAUSE_CYCLES);
-        }
+        watchdog::pause(PAUSE_CYCLES);
     }
 }
 

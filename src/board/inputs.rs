@@ -24,7 +24,7 @@ use super::{
     chosen::WIRING,
     emulation, line_level, pac,
     step_output::{StepInterrupt, StepTimerToken},
-    supply, vectors,
+    supply, vectors, watchdog,
     wiring::{PortList, read_port},
 };
 
@@ -75,7 +75,7 @@ impl InputInterrupts {
         for input in WIRING.inputs {
             input.pin.make_input(input.pull);
         }
-        cortex_m::asm::delay(PULL_UP_CYCLES);
+        watchdog::pause(PULL_UP_CYCLES);
         connect_lines(syscfg);
         // SAFETY: the bits of lines that exist.
         unsafe {

@@ -42,7 +42,7 @@ impl SwitchOutputs {
 }
 
 /// Makes outputs of all pins that drive something, and none of them does: spindle, laser and coolant off,
-/// drivers disabled, no pulse. First after a reset, in which the pins float; the clocks of the ports must run.
+/// drivers disabled, no pulse. The first that is set up after a reset, in which the pins float; the clocks of the ports must run.
 pub(super) fn make_safe() {
     let Wiring {
         at_boot,

@@ -27,7 +27,7 @@ const SERIAL_PRIORITY: u8 = 4;
 /// If the clocks are not what the ticks need.
 #[must_use]
 pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> Board {
-    // It ends each wait behind it that does not end.
+    // From here on, it resets a chip that waits for ever.
     watchdog::start(&device.IWDG, &device.DBGMCU);
     fault::init();
     super::stack::guard(&core.MPU);
@@ -35,13 +35,14 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     if emulation::detect(&device.RCC) {
         emulation::init(&device.TIM2, &device.TIM3, &mut core.NVIC);
     } else {
-        reset_state::undo(&device.RCC, &device.EXTI);
+        reset_state::undo(&device.RCC, &device.EXTI, &core.NVIC);
     }
     let cause = fault::take_cause(&device.RCC);
     // Before anything that takes long, as the crystal and the journal: the pins float until then.
     let mut rcc = device.RCC.constrain();
     chosen::enable_ports(&mut rcc);
     outputs::make_safe();
+    watchdog::set_period(&device.IWDG);
     chosen::enable_clocks(&mut rcc);
     if !emulation::is_emulated() && !is_right_chip(&device.DBGMCU) {
         refuse_chip(chosen::sender!(device), &rcc, &mut core.NVIC);

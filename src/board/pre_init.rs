@@ -4,7 +4,9 @@
 //! pending, priorities in groups, another stack or a memory protection. ARMv7-M reference manual B1.4, B3.2 to B3.5.
 //!
 //! It also sets VTOR, with interrupts off: with the feature `set-vtor` of cortex-m-rt, which sets it before, a pending
-//! interrupt would run a task that has no data yet.
+//! interrupt would run a task that has no data yet. A DMA that still runs could write over what it fills memory with,
+//! so it resets every controller of one. A loader that jumps from within an exception is not undone: nothing but a reset
+//! ends its priority.
 
 #[expect(unsafe_code, reason = "runs before memory has its first values")]
 mod assembly {
@@ -24,6 +26,8 @@ mod assembly {
         // The registers of the processor begin at 0xE000_E000.
         "movw r0, #0xe000",
         "movt r0, #0xe000",
+        // ACTLR: the core buffers writes and folds instructions, as the cycle table has it.
+        "str r1, [r0, #0x8]",
         // SYST_CSR: SysTick is off.
         "str r1, [r0, #0x10]",
         // NVIC_ICER and NVIC_ICPR: no interrupt is enabled or pending.
@@ -49,6 +53,17 @@ mod assembly {
         // SHCSR: each fault is a hard fault. MPU_CTRL: off.
         "str r1, [r0, #0xd24]",
         "str r1, [r0, #0xd94]",
+        // FPCCR and FPDSCR: registers of floating point are saved, when they are used.
+        "mov r2, #0xc0000000",
+        "str r2, [r0, #0xf34]",
+        "str r1, [r0, #0xf3c]",
+        // RCC_AHB1RSTR: DMA1, DMA2, and those of graphics, Ethernet and USB.
+        "movw r0, #0x3810",
+        "movt r0, #0x4002",
+        "movs r2, #0",
+        "movt r2, #0x22e0",
+        "str r2, [r0]",
+        "str r1, [r0]",
         "dsb",
         "isb",
         "cpsie i",

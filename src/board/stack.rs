@@ -23,11 +23,18 @@ pub(super) fn guard(mpu: &MPU) {
     const EXECUTE_NEVER: u32 = 1 << 28;
     const SIZE_FIELD: u32 = (GUARD_BYTES.ilog2() - 1) << 1;
     const ENABLE: u32 = 1;
+    /// Regions of a Cortex-M4.
+    const REGIONS: u32 = 8;
     /// Memory outside of all regions has its default access.
     const DEFAULT_MAP: u32 = 1 << 2;
     let statics_end = (&raw const __sheap) as u32;
     // SAFETY: the region holds only unused stack: `init` uses its other end.
     unsafe {
+        // A bootloader may have left others, which would come back with the first.
+        for region in 1..REGIONS {
+            mpu.rnr.write(region);
+            mpu.rasr.write(0);
+        }
         mpu.rnr.write(0);
         mpu.rbar.write(statics_end.next_multiple_of(GUARD_BYTES));
         mpu.rasr.write(EXECUTE_NEVER | SIZE_FIELD | ENABLE);

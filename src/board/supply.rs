@@ -31,7 +31,7 @@ pub(super) fn watch(pwr: &pac::PWR, rcc: &mut Rcc, nvic: &mut NVIC) {
     pac::PWR::enable(rcc);
     pwr.cr()
         .modify(|_, w| w.pls().set(PVD_THRESHOLD).pvde().set_bit());
-    cortex_m::asm::delay(PVD_SETTLING_CYCLES);
+    watchdog::pause(PVD_SETTLING_CYCLES);
     vectors::unmask(nvic, &[Interrupt::PVD], PRIORITY);
     let _ = (0..MAX_PVD_READS).any(|_| {
         watchdog::feed();

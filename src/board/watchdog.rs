@@ -15,14 +15,51 @@ use super::{emulation, pac};
 /// sheet, LSI): at least 100 ms, 147 ms typically, at most 276 ms.
 const RELOAD: u16 = 1175;
 
-/// Starts the watchdog; it waits while a debugger has halted the processor.
+/// Reads of the status before its registers count as stuck: more than 100 ms at any clock, and a change takes 48 ms at the
+/// slowest (six periods of the slow clock by 256).
+const MAX_STATUS_READS: u32 = 1_000_000;
+/// Cycles of the core between two feeds of a pause: 12 ms at most at the 16 MHz of the internal oscillator.
+const PAUSE_CYCLES: u32 = 150_000;
+/// Cycles of the core that `asm::delay` takes for each one that it is asked for.
+const CYCLES_PER_DELAY: u32 = 3;
+
+/// Starts the watchdog, with the period of a reset or of a bootloader; it waits while a debugger has halted the
+/// processor.
 pub(super) fn start(watchdog: &pac::IWDG, debug: &pac::DBGMCU) {
     debug.apb1_fz().modify(|_, w| w.dbg_iwdg_stop().set_bit());
     watchdog.kr().write(|w| w.key().start());
-    watchdog.kr().write(|w| w.key().unlock());
-    watchdog.pr().write(|w| w.pr().set(0));
-    watchdog.rlr().write(|w| w.rl().set(RELOAD));
     feed();
+}
+
+/// Sets the period. A bootloader that has changed it without a slow clock that runs, as the chip's own, leaves a change that
+/// has not ended, in which the registers take nothing: RM0090 21.4.4.
+pub(super) fn set_period(watchdog: &pac::IWDG) {
+    let is_stuck = |_| {
+        feed();
+        watchdog.sr().read().bits() != 0
+    };
+    for _ in 0..2 {
+        let _ = (0..MAX_STATUS_READS).all(is_stuck);
+        watchdog.kr().write(|w| w.key().unlock());
+        watchdog.pr().write(|w| w.pr().set(0));
+        watchdog.rlr().write(|w| w.rl().set(RELOAD));
+        let _ = (0..MAX_STATUS_READS).all(is_stuck);
+        if watchdog.pr().read().pr().bits() == 0 && watchdog.rlr().read().rl().bits() == RELOAD {
+            break;
+        }
+    }
+    feed();
+}
+
+/// Lets cycles of the core pass, and feeds the watchdog meanwhile.
+pub(super) fn pause(cycles: u32) {
+    let mut left = cycles;
+    while left != 0 {
+        let now = left.min(PAUSE_CYCLES);
+        cortex_m::asm::delay(now / CYCLES_PER_DELAY);
+        feed();
+        left -= now;
+    }
 }
 
 /// Feeds the watchdog. Also from RAM, where nothing in flash may be called.

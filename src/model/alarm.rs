@@ -89,7 +89,7 @@ impl Alarm {
             Self::HomingPullOff => "homing failed: the switch stayed closed after the pull-off",
             Self::HomingNotFound => "homing failed: no limit switch was found",
             Self::HomingDualAxis => "homing failed: the second motor found no limit switch",
-            Self::SelfTest => "the self-test at power-up failed: crystal or supply",
+            Self::SelfTest => "the self-test at power-up failed: crystal, supply, chip or firmware",
             Self::Restarted => "restarted by the watchdog or after a fault: the position is lost",
             Self::Killed => "stopped by M112",
         }

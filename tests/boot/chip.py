@@ -1,14 +1,16 @@
 """Registers of the STM32F4 as far as the start of the firmware needs them, on Unicorn's Cortex-M4.
 
 Unicorn has no interrupts: here, the registers of NVIC, SCB and SysTick only remember what was written to them.
-Time passes by one tick of a timer with each access to a register. RM0090: 3.9 flash, 5.5 power, 7.3 clocks, 19.6
+Time of a timer passes by one tick with each access to a register; that of the watchdog by a cycle of the core with each
+half-word that is executed, which is less than it takes. RM0090: 3.9 flash, 5.5 power, 7.3 clocks, 19.6
 TIM11, 21.4 watchdog, 30.6 USART; ARMv7-M reference manual: B3.2 SCB, B3.3 SysTick, B3.4 NVIC.
 """
 
 FLASH, RAM = 0x0800_0000, 0x2000_0000
 RCC_CR, RCC_PLLCFGR, RCC_CFGR, RCC_BDCR = 0x4002_3800, 0x4002_3804, 0x4002_3808, 0x4002_3870
 FLASH_ACR, FLASH_KEYR, FLASH_SR, FLASH_CR = 0x4002_3C00, 0x4002_3C04, 0x4002_3C0C, 0x4002_3C10
-PWR_CR, PWR_CSR, IWDG_KR = 0x4000_7000, 0x4000_7004, 0x4000_3000
+PWR_CR, PWR_CSR = 0x4000_7000, 0x4000_7004
+IWDG_KR, IWDG_PR, IWDG_RLR, IWDG_SR = 0x4000_3000, 0x4000_3004, 0x4000_3008, 0x4000_300C
 TIM11_SR, TIM11_CCMR1, TIM11_PSC = 0x4001_4810, 0x4001_4818, 0x4001_4828
 TIM11_CR1, TIM11_CCER, TIM11_CCR1, TIM11_OR = 0x4001_4800, 0x4001_4820, 0x4001_4834, 0x4001_4850
 SYST_CSR, NVIC_ISER, NVIC_ICER, NVIC_ISPR, NVIC_ICPR = 0xE000_E010, 0xE000_E100, 0xE000_E180, 0xE000_E200, 0xE000_E280
@@ -22,6 +24,11 @@ HSEON, PLLON = 1 << 16, 1 << 24
 PG, SER, STRT, LOCK = 1 << 0, 1 << 1, 1 << 16, 1 << 31
 DBP, LSEON, PENDSTSET, PENDSVSET = 1 << 8, 1 << 0, 1 << 26, 1 << 28
 KEYS = [0x4567_0123, 0xCDEF_89AB]
+# What starts, unlocks and feeds the watchdog; the slow clock at its fastest, and how long the firmware may not feed.
+DOG_START, DOG_UNLOCK, DOG_FEED = 0xCCCC, 0x5555, 0xAAAA
+LSI_KHZ, UNFED_MS = 47, 100
+# Reads of the status up to the end of a change of the watchdog's registers.
+CHANGE_READS = 20
 # Sectors of all parts begin so, KiB; as many of them as the part has.
 SECTORS_KIB = [0, 16, 32, 48, 64] + [128 * number for number in range(1, 16)]
 
@@ -36,6 +43,8 @@ class Chip:
         self.words |= {IDCODE: 0x1000_0000 | board.chip, RCC_PLLCFGR: 0x2400_3010}
         self.enabled, self.pending, self.keys, self.written = 0, 0, [], 0
         self.time, self.captured, self.has_watchdog = 0, 0, False
+        self.cycles, self.fed, self.is_dog_open, self.status_reads = 0, 0, False, 0
+        self.words[IWDG_RLR] = 0xFFF
         self.has_enabled, self.sent = False, b""
 
     def fault(self, text, first=None):
@@ -182,8 +191,36 @@ class Chip:
             self.uc.emu_stop()
         self.words[AIRCR] = word & 0x700
 
+    # The watchdog.
+
     def write_watchdog(self, word):
-        self.has_watchdog = self.has_watchdog or word == 0xCCCC
+        if word == DOG_START:
+            self.has_watchdog, self.fed = True, self.fed if self.has_watchdog else self.cycles
+        if word == DOG_FEED:
+            self.feed()
+        self.is_dog_open = word == DOG_UNLOCK
+
+    def feed(self):
+        unfed_ms = (self.cycles - self.fed) / self.core_mhz() / 1000
+        if self.has_watchdog and unfed_ms > UNFED_MS:
+            self.fault(f"the watchdog is not fed for more than {UNFED_MS} ms")
+        self.fed = self.cycles
+
+    def change_watchdog(self, address, flag, word):
+        if not self.is_dog_open or self.get(IWDG_SR) & flag:
+            return self.fault("the watchdog's period is written locked or in a change, which is ignored")
+        self.words |= {address: word, IWDG_SR: self.get(IWDG_SR) | flag}
+
+    def read_watchdog_status(self):
+        """IWDG_SR: a change needs the slow clock, which the watchdog starts."""
+        self.status_reads = self.status_reads + 1 if self.get(IWDG_SR) and self.has_watchdog else 0
+        if self.status_reads == CHANGE_READS:
+            self.words[IWDG_SR] = 0
+        return self.get(IWDG_SR)
+
+    def watchdog_ms(self):
+        """How long the watchdog waits at least."""
+        return (4 << self.get(IWDG_PR)) * (self.get(IWDG_RLR) + 1) / LSI_KHZ
 
     def takeable(self):
         """Whether an interrupt would be taken where none is masked."""
@@ -202,12 +239,13 @@ class Chip:
     READ = {
         RCC_CR: read_clocks, TIM11_SR: read_captures, TIM11_CCR1: read_capture, FLASH_SR: lambda self: 0,
         # The regulator has reached its voltage; the supply is good.
-        PWR_CSR: lambda self: 1 << 14, AIRCR: lambda self: 0xFA05_0000 | self.get(AIRCR),
+        PWR_CSR: lambda self: 1 << 14, IWDG_SR: read_watchdog_status, AIRCR: lambda self: 0xFA05_0000 | self.get(AIRCR),
     }  # fmt: skip
     WRITE = {
         RCC_CR: write_clocks, RCC_PLLCFGR: write_pll, RCC_CFGR: write_switch, RCC_BDCR: write_backup,
         FLASH_KEYR: write_key, FLASH_CR: write_flash_control, ICSR: write_pending, AIRCR: write_reset_control,
-        IWDG_KR: write_watchdog,
+        IWDG_KR: write_watchdog, IWDG_PR: lambda self, word: self.change_watchdog(IWDG_PR, 1, word),
+        IWDG_RLR: lambda self, word: self.change_watchdog(IWDG_RLR, 2, word),
     }  # fmt: skip
 
     def read(self, address):

@@ -69,6 +69,8 @@ def leave_state(chip, board):
         # 60 MHz.
         pll = board.crystal_mhz | 240 << 6 | 1 << 16 | 1 << 22 | 5 << 24
         chip.words |= {RCC_CR: 0x83 | HSEON | PLLON, RCC_CFGR: 2 << 2 | 2, RCC_PLLCFGR: pll, FLASH_ACR: 1}
+        # The longest period of the watchdog, in a change without a slow clock.
+        chip.words |= {IWDG_PR: 6, IWDG_SR: 3}
     if board.systick:
         chip.words |= {SYST_CSR: 7, ICSR: PENDSTSET}
     if board.irqs:
@@ -141,6 +143,10 @@ def run(chip, uc, image):
         chip.fault(f"exception {number} of the processor at {uc.reg_read(UC_ARM_REG_PC):#x}")
         uc.emu_stop()
 
+    def count(_, __, size, ___):
+        chip.cycles += size // 2
+
+    uc.hook_add(unicorn.UC_HOOK_BLOCK, count)
     hook = uc.hook_add(unicorn.UC_HOOK_MEM_WRITE, masked, begin=RAM, end=RAM + chip.board.ram_kib * 1024 - 1)
     uc.hook_add(unicorn.UC_HOOK_MEM_INVALID, invalid)
     uc.hook_add(unicorn.UC_HOOK_INTR, exception)
@@ -181,8 +187,11 @@ def judge(chip, vectors):
         chip.fault("SysTick or PendSV is pending")
     if chip.get(VTOR) != board.program:
         chip.fault(f"VTOR is {chip.get(VTOR):#x}")
+    chip.feed()
     if not chip.has_watchdog:
         chip.fault("the watchdog is not started")
+    elif not UNFED_MS <= chip.watchdog_ms() < 2 * UNFED_MS:
+        chip.fault(f"the watchdog waits {chip.watchdog_ms():.0f} ms at least")
     if board.uses_c13 and chip.get(RCC_BDCR) & LSEON:
         chip.fault("LSEON is set: PC14 and PC15 are the oscillator's")
 

@@ -48,7 +48,8 @@ def chip(**facts):
 WATCHDOG, CRYSTAL, VECTOR_TABLE = (IWDG_KR, 0xCCCC), (RCC_CR, 0x83 | HSEON), (VTOR, PROGRAM)
 FAST = [(RCC_PLLCFGR, PLL), (FLASH_ACR, 5), (RCC_CR, 0x83 | HSEON | PLLON), (RCC_CFGR, 2 | 4 << 13 | 5 << 10)]
 TASKS, PORT = (NVIC_ISER, 1 << 10), [(0x4001_1008, 84_000_000 // 115_200), (0x4001_100C, 1 << 13)]
-START = [VECTOR_TABLE, TASKS, WATCHDOG, CRYSTAL, *FAST, *PORT]
+PERIOD = [(IWDG_KR, DOG_UNLOCK), (IWDG_PR, 0), (IWDG_RLR, 1175)]
+START = [VECTOR_TABLE, TASKS, WATCHDOG, *PERIOD, CRYSTAL, *FAST, *PORT]
 UNLOCK = [(FLASH_KEYR, key) for key in KEYS]
 NO_LSE = [(PWR_CR, DBP), (RCC_BDCR, 0)]
 
@@ -58,6 +59,8 @@ def start(writes, **facts):
     started = chip(**facts)
     for address, value in writes:
         started.write(address, value, 4)
+        while (address, value) == WATCHDOG and started.read(IWDG_SR):
+            pass
     judge(started, VECTORS)
     return started.faults
 
@@ -74,7 +77,7 @@ class Faults(unittest.TestCase):
         self.assertEqual(start([(AIRCR, 0x5FA_0000), *START], prigroup=5), {})
         quiet = [(SYST_CSR, 0), (ICSR, 1 << 25), *((NVIC_ICER + 4 * word, 0xFFFF_FFFF) for word in range(8))]
         self.assertEqual(start([*quiet, *START], systick=True, irqs=True), {})
-        slow = [VECTOR_TABLE, TASKS, WATCHDOG, (0x4001_1008, 139), PORT[1]]
+        slow = [VECTOR_TABLE, TASKS, WATCHDOG, *PERIOD, (0x4001_1008, 139), PORT[1]]
         self.assertEqual(start(slow, hse=0), {})
         undone = [(RCC_CR, 0x83 | HSEON | PLLON), (RCC_CFGR, 0), (RCC_CR, 0x83)]
         self.assertEqual(start([*undone, *START], dfu=True), {})
@@ -83,6 +86,8 @@ class Faults(unittest.TestCase):
         for text, writes, facts in [
             ("the watchdog is not started", without(WATCHDOG), {}),
             ("before the watchdog", [*without(WATCHDOG), WATCHDOG], {}),
+            ("the watchdog waits 349 ms", without(PERIOD[0]), {}),
+            ("the watchdog's period is written locked", without(PERIOD[0]), {}),
             ("interrupts [10] have a handler", without(TASKS), {}),
             ("are disabled that", [*START, (NVIC_ICER, 0xFFFF_FFFF)], {}),
             ("interrupts [3] are enabled", [*START, (NVIC_ISER, 1 << 3)], {}),
@@ -127,6 +132,29 @@ class Faults(unittest.TestCase):
     def test_interrupts_that_would_be_taken_are_seen(self):
         for facts, is_taken in [({}, False), ({"systick": True}, True), ({"irqs": True}, True)]:
             self.assertEqual(chip(**facts).takeable(), is_taken, facts)
+
+    def test_a_watchdog_that_is_not_fed_in_time_is_found(self):
+        # 16 MHz.
+        for cycles, is_late in ((1_599_999, False), (1_600_001, True)):
+            started = chip()
+            for address, value in (WATCHDOG, (IWDG_KR, DOG_FEED)):
+                started.write(address, value, 4)
+            started.cycles += cycles
+            started.write(IWDG_KR, DOG_FEED, 4)
+            self.assertEqual(bool(started.faults), is_late)
+
+    def test_a_period_that_a_loader_leaves_stays_until_its_change_has_ended(self):
+        started = chip(dfu=True)
+        started.write(*WATCHDOG, 4)
+        for address, value in PERIOD:
+            started.write(address, value, 4)
+        self.assertEqual(len(started.faults), 1)
+        self.assertGreater(started.watchdog_ms(), 1000)
+        while started.read(IWDG_SR):
+            pass
+        for address, value in PERIOD:
+            started.write(address, value, 4)
+        self.assertAlmostEqual(started.watchdog_ms(), 100, 0)
 
     def test_a_refusal_ends_a_start_once_it_is_told(self):
         for text, is_refused in [("ALARM:1]", False), ("ALARM:16", False), ("ALARM:16 [MSG:x]", True)]:

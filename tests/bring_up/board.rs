@@ -122,7 +122,7 @@ pub(crate) fn bring_up() -> ! {
     }
     clock::start(&mut core, &device.DBGMCU);
     if !emulation::is_emulated() {
-        reset_state::undo(&device.RCC, &device.EXTI);
+        reset_state::undo(&device.RCC, &device.EXTI, &core.NVIC);
     }
     let reset_flags = device.RCC.csr().read().bits();
     let cause = fault::take_cause(&device.RCC);

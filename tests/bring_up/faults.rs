@@ -118,6 +118,7 @@ fn watch(dog: &pac::IWDG, debug: &pac::DBGMCU) -> bool {
         return false;
     }
     watchdog::start(dog, debug);
+    watchdog::set_period(dog);
     let start = clock::now();
     while dog.sr().read().bits() != 0 {
         if clock::cycles(clock::now().wrapping_sub(start)) > SETTING_CYCLES {

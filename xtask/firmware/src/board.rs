@@ -3,9 +3,8 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    env,
     path::{Path, PathBuf},
-    process::{Command, ExitCode, Stdio},
+    process::{ExitCode, Stdio},
     sync::Mutex,
     thread,
 };
@@ -168,8 +167,8 @@ fn prove(board: &Board) -> Result<Vec<u32>> {
 }
 
 /// Builds the firmware of boards with each number of axes, looks what it leaves free, and starts it on a model of its
-/// chip: two at a time, those of one chip one after the other, in a folder of their own. Returns false, and says why,
-/// where one does not start.
+/// chip: two at a time, those of one chip one after the other, in a folder of their own. Returns false where one does not
+/// start or leaves too little.
 fn starts(boards: &[Board]) -> Result<bool> {
     let mut by_chip: BTreeMap<&str, Vec<&Board>> = BTreeMap::new();
     for board in boards {
@@ -201,23 +200,20 @@ fn starts(boards: &[Board]) -> Result<bool> {
 
 /// Has a firmware built and started, and prints what became of it.
 fn is_started(board: &Board, axes: usize, into: &Path) -> Result<bool> {
-    let output = Command::new(env::current_exe()?)
+    let axes = u8::try_from(axes).context("a machine has six axes at most")?;
+    let output = tools::command_for(tools::FIRMWARE, axes)?
         .args(["start", &board.argument(), "--into"])
         .arg(into)
         .env(cargo::AXES, axes.to_string())
         .output()?;
-    let (is_started, name) = (output.status.success(), &board.name);
-    let told = String::from_utf8_lossy(if is_started {
-        &output.stdout
+    let is_started = output.status.success();
+    let told = if is_started {
+        output.stdout
     } else {
-        &output.stderr
-    });
-    let what = if is_started {
-        "starts "
-    } else {
-        "would not start\n"
+        output.stderr
     };
-    println!("{name} with {axes} axes {what}{}", told.trim_end());
+    let told = String::from_utf8_lossy(&told);
+    println!("{} with {axes} axes: {}", board.name, told.trim_end());
     Ok(is_started)
 }
 

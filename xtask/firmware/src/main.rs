@@ -123,8 +123,8 @@ fn start(board: &str, into: Option<PathBuf>) -> Result<ExitCode> {
     compile::replace(&elf, &image)?;
     match rehearsal::rehearse(&board, &elf)? {
         Verdict::Passed => Verdict::Counted(kib),
-        Verdict::Counted(figures) => Verdict::Counted(format!("{figures}, {kib}")),
-        skipped @ Verdict::Skipped(_) => skipped,
+        Verdict::Counted(figures) => Verdict::Counted(format!("starts {figures}, {kib}")),
+        Verdict::Skipped(reason) => Verdict::Skipped(format!("{reason}; {kib}")),
     }
     .print();
     Ok(ExitCode::SUCCESS)
