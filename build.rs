@@ -24,7 +24,9 @@ fn main() {
 mod board {
     use std::{env, error::Error, fs, path::Path};
 
-    use board_data::{BOARD, Board, Clocks, DEFAULT, EEPROM, PHASES, SMALL_EEPROM, rust};
+    use board_data::{
+        BOARD, Board, Clocks, DEFAULT, EEPROM, FINGERPRINT, PHASES, SMALL_EEPROM, fingerprint, rust,
+    };
 
     /// Writes the board's source, and tells the linker where program and memory are.
     pub(crate) fn make() -> Result<(), Box<dyn Error>> {
@@ -74,6 +76,7 @@ mod board {
             ("_flash_start", memory.flash_start),
             ("_flash_length", memory.flash_bytes),
             ("_ram_length", memory.ram_bytes),
+            (FINGERPRINT, fingerprint(&board, axes)),
         ];
         for (symbol, value) in symbols {
             println!("cargo::rustc-link-arg=--defsym={symbol}={value:#x}");

@@ -25,7 +25,7 @@ pub use chip::{Chip, Clocks, Part};
 pub use entries::{Fault, Place};
 pub use memory::{FlashSector, MemoryLayout};
 pub use pin::{Pin, Pull, SignedPin};
-pub use rust::rust;
+pub use rust::{FINGERPRINT, fingerprint, rust};
 pub use serial::SerialPins;
 pub use timer::PwmOutput;
 pub use wiring::{EepromPins, Input, SecondMotor, Wiring};

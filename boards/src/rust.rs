@@ -1,8 +1,27 @@
 //! A board as Rust: the constants that `src/board/` is compiled with.
 
-use std::{fmt::Write as _, iter};
+use std::{
+    fmt::Write as _,
+    hash::{DefaultHasher, Hash as _, Hasher as _},
+    iter,
+};
 
 use crate::{Board, EepromPins, FlashSector, Input, Pin, Pull, SignedPin, Wiring};
+
+/// The symbol of an image's [`fingerprint`].
+pub const FINGERPRINT: &str = "_board_fingerprint";
+
+/// Returns a number that tells images apart: of a board, all of whose file that [`rust`] makes source of, and of a
+/// number of axes.
+///
+/// # Panics
+///
+/// If the board has no pins for that many axes.
+pub fn fingerprint(board: &Board, axes: usize) -> u32 {
+    let mut hasher = DefaultHasher::new();
+    (&board.name, axes, rust(board, axes)).hash(&mut hasher);
+    hasher.finish() as u32
+}
 
 /// Returns the source of a board with a number of axes, for `src/board/chosen.rs`.
 ///

@@ -46,6 +46,7 @@ pub fn image_in(target: &Path, board: &Board, options: &[&str]) -> Result<Vec<u8
     let mut image = read(&built.join("release/leadscrew"))?;
     let refused = || format!("this firmware would not start on the {}", board.title);
     layout::check(board, &image).with_context(refused)?;
+    layout::check_board(board, &image).with_context(refused)?;
     seal::seal(&mut image)?;
     Ok(image)
 }

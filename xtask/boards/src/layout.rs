@@ -3,11 +3,11 @@
 use std::ops::Range;
 
 use anyhow::{Context, Result, bail, ensure};
-use common::text::separated;
+use common::{cargo, text::separated};
 
 use crate::{
     Board,
-    image::{Segment, segments},
+    image::{Segment, segments, symbol},
 };
 
 /// Start of the flash and of the RAM of every chip.
@@ -33,15 +33,11 @@ impl FlashUse {
 }
 
 /// Compares an image with the board's memory: no byte that is loaded may lie in the sectors of the settings, in a
-/// bootloader or outside of the chip's flash, and stack and data must be in the chip's RAM.
+/// bootloader or outside of the chip's flash, code must be where it is loaded, and stack and data in the chip's RAM.
 pub fn check(board: &Board, image: &[u8]) -> Result<FlashUse> {
     let memory = board.chosen_memory();
     let segments = segments(image)?;
-    let of_ram = segments.iter().filter(|segment| segment.address >= RAM);
-    for segment in of_ram {
-        check_ram(board, segment)?;
-    }
-    let mut end = memory.flash_start;
+    let mut end = u64::from(memory.flash_start);
     for segment in segments.iter().filter(|it| !it.bytes.is_empty()) {
         let loaded = segment.loaded();
         for (area, name) in forbidden(board) {
@@ -49,60 +45,107 @@ pub fn check(board: &Board, image: &[u8]) -> Result<FlashUse> {
             if first < last {
                 bail!(
                     "{} bytes of the program, {first:#010x} to {:#010x}, lie {name}",
-                    separated((last - first).into()),
+                    separated(last - first),
                     last - 1
                 );
             }
         }
         end = end.max(loaded.end);
     }
+    check_overlaps(&segments)?;
+    for segment in segments.iter().filter(|it| it.size > 0) {
+        check_place(board, segment)?;
+    }
     check_vectors(board, &segments)?;
     let first = memory.code_start.unwrap_or(memory.flash_start);
     Ok(FlashUse {
-        used: end.saturating_sub(first),
+        used: (end as u32).saturating_sub(first),
         usable: memory.flash_start + memory.flash_bytes - first,
     })
 }
 
+/// Compares an image with the board and the number of axes that it was built for.
+pub fn check_board(board: &Board, image: &[u8]) -> Result<()> {
+    let expected = board_data::fingerprint(board, cargo::axes().into());
+    ensure!(
+        symbol(image, board_data::FINGERPRINT)? == expected,
+        "it was built for another board, or for another number of axes"
+    );
+    Ok(())
+}
+
 /// Areas that hold no byte of a program, and what is said of bytes there.
-fn forbidden(board: &Board) -> Vec<(Range<u32>, String)> {
+fn forbidden(board: &Board) -> Vec<(Range<u64>, String)> {
     let memory = board.chosen_memory();
-    let end = FLASH + board.part.flash_kib * 1024;
+    let start = u64::from(FLASH);
+    let end = start + u64::from(board.part.flash_kib) * 1024;
     let chip = format!("outside of the flash of the STM32{}", board.part_name);
     let bootloader = format!(
         "in the bootloader, which has the first {} KiB",
         board.bootloader_kib
     );
     let mut areas = vec![
-        (0..FLASH, chip.clone()),
-        (end..u32::MAX, chip),
-        (FLASH..memory.flash_start, bootloader),
+        (0..start, chip.clone()),
+        (end..u64::MAX, chip),
+        (start..memory.flash_start.into(), bootloader),
     ];
     areas.extend(memory.journal.as_slice().as_flattened().iter().map(|it| {
         let name = format!("in sector {}, which holds settings", it.sector);
-        (it.address..it.address + it.bytes, name)
+        let first = u64::from(it.address);
+        (first..first + u64::from(it.bytes), name)
     }));
     areas
 }
 
-/// Compares data and cleared memory with the chip's RAM.
-fn check_ram(board: &Board, segment: &Segment<'_>) -> Result<()> {
-    let end = u64::from(segment.address) + u64::from(segment.size);
-    let of_chip = u64::from(RAM + board.chosen_memory().ram_bytes);
+/// Makes sure that no byte is loaded twice.
+fn check_overlaps(segments: &[Segment<'_>]) -> Result<()> {
+    let mut loaded: Vec<_> = segments.iter().map(Segment::loaded).collect();
+    loaded.retain(|it| !it.is_empty());
+    loaded.sort_by_key(|it| it.start);
+    let mut pairs = loaded.iter().zip(loaded.iter().skip(1));
+    if let Some((_, twice)) = pairs.find(|(one, other)| one.end > other.start) {
+        bail!("what is at {:#010x} is loaded twice", twice.start);
+    }
+    Ok(())
+}
+
+/// Makes sure that the program has a segment in the chip's RAM, or in flash and there where it is loaded.
+fn check_place(board: &Board, segment: &Segment<'_>) -> Result<()> {
+    let occupied = segment.occupied();
+    let ram = ram(board);
+    let is_loaded = !segment.bytes.is_empty();
+    if is_loaded && segment.address == segment.load_address {
+        return Ok(());
+    }
     ensure!(
-        end <= of_chip,
+        ram.contains(&occupied.start),
+        "{} bytes at {:#010x} lie neither in the RAM of the STM32{} nor where they are loaded",
+        separated(occupied.end - occupied.start),
+        occupied.start,
+        board.part_name
+    );
+    ensure!(
+        occupied.end <= ram.end,
         "{} bytes of data lie behind {:#010x}, the end of the RAM of the STM32{}",
-        separated(end - of_chip),
-        of_chip - 1,
+        separated(occupied.end - ram.end),
+        ram.end - 1,
         board.part_name
     );
     Ok(())
 }
 
+/// The chip's RAM.
+fn ram(board: &Board) -> Range<u64> {
+    let start = u64::from(RAM);
+    start..start + u64::from(board.chosen_memory().ram_bytes)
+}
+
 /// Compares the first two vectors, of the stack and of the first instruction: RM0090 2.4.
 fn check_vectors(board: &Board, segments: &[Segment<'_>]) -> Result<()> {
     let start = board.chosen_memory().flash_start;
-    let vectors = segments.iter().find(|it| it.loaded().contains(&start));
+    let vectors = segments
+        .iter()
+        .find(|it| it.loaded().contains(&start.into()));
     let word = |index: usize| {
         let vectors = vectors?;
         let at = (start - vectors.load_address) as usize + 4 * index;
@@ -114,16 +157,22 @@ fn check_vectors(board: &Board, segments: &[Segment<'_>]) -> Result<()> {
         word(0).with_context(missing)?,
         word(1).with_context(missing)?,
     );
-    let ram = RAM..=RAM + board.chosen_memory().ram_bytes;
+    let ram = ram(board);
+    let data = segments.iter().map(Segment::occupied);
+    let data_end = data.filter(|it| ram.contains(&it.start)).map(|it| it.end);
+    let data_end = data_end.max().unwrap_or(ram.start);
     ensure!(
-        ram.contains(&stack) && stack != RAM,
-        "the stack begins at {stack:#010x}, which is not in the RAM of the STM32{}",
+        data_end < u64::from(stack) && u64::from(stack) <= ram.end && stack.is_multiple_of(8),
+        "the stack begins at {stack:#010x}, which is not in the RAM of the STM32{} behind the data",
         board.part_name
     );
     let first = reset & !1;
-    let is_loaded = segments.iter().any(|it| it.loaded().contains(&first));
+    let mut code = segments.iter().filter(|it| it.is_code);
+    let is_code = code.any(|it| {
+        it.address == it.load_address && it.loaded().contains(&first.into()) && first >= start + 8
+    });
     ensure!(
-        is_loaded && reset & 1 == 1,
+        is_code && reset & 1 == 1,
         "the first instruction would be at {first:#010x}, where the program has none"
     );
     Ok(())
@@ -239,7 +288,7 @@ mod tests {
         let image = image("btt-skr-2", Some(0x2003_0000), None, 0x100);
         assert_eq!(
             refusal("btt-skr-2", &image),
-            "the stack begins at 0x20030000, which is not in the RAM of the STM32F407VG"
+            "the stack begins at 0x20030000, which is not in the RAM of the STM32F407VG behind the data"
         );
         let vectors = [0x2002_0000, 0x0800_8001].map(u32::to_le_bytes).concat();
         let image = elf(&[
@@ -261,9 +310,64 @@ mod tests {
             (start, vectors(start), "where the program has none"),
             (start, vec![0; 4], "no vectors at 0x08008000"),
             (start + 16, vectors(start + 17), "no vectors at 0x08008000"),
+            (start, vectors(start + 5), "where the program has none"),
         ] {
             let told = refusal("btt-skr-2", &elf(&[(at, at, &bytes, 8)]));
             assert!(told.contains(reason), "{told}");
+        }
+    }
+
+    #[test]
+    fn code_that_is_not_where_it_is_loaded_and_data_that_is_not_in_ram_are_refused() {
+        let vectors = [0x2002_0000, 0x0800_8009].map(u32::to_le_bytes).concat();
+        let program = [&vectors[..], &[0xbf; 8]].concat();
+        let program = (0x0800_8000, 0x0800_8000, &program[..], 16);
+        for (other, reason) in [
+            (
+                (0, 0x1000_0000, &[][..], 8),
+                "8 bytes at 0x10000000 lie neither",
+            ),
+            (
+                (0, 0x080c_0000, &[], 8),
+                "8 bytes at 0x080c0000 lie neither",
+            ),
+            (
+                (0x0801_0000, 0x0805_0000, &[1; 8], 8),
+                "8 bytes at 0x08050000 lie neither",
+            ),
+            (
+                (0x0800_8008, 0x2000_0000, &[1; 4], 4),
+                "0x08008008 is loaded twice",
+            ),
+            (
+                (0xffff_fffe, 0x2000_0000, &[1; 2], 2),
+                "2 bytes of the program",
+            ),
+            (
+                (0, 0x2000_0000, &[], 0x2_0000),
+                "the stack begins at 0x20020000",
+            ),
+        ] {
+            let told = refusal("btt-skr-2", &elf(&[program, other]));
+            assert!(told.contains(reason), "{told}");
+        }
+        let mut other_machine = elf(&[program]);
+        other_machine[18] = 62;
+        let told = refusal("btt-skr-2", &other_machine);
+        assert!(
+            told.contains("no program for the chip's processor"),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn the_whole_sector_of_the_settings_is_closed_to_programs() {
+        let vectors = [0x2002_0000, 0x0800_8009].map(u32::to_le_bytes).concat();
+        let program = [&vectors[..], &[0xbf; 8]].concat();
+        let program = (0x0800_8000, 0x0800_8000, &program[..], 16);
+        for last in [0x080d_ffff, 0x080f_ffff] {
+            let told = refusal("btt-skr-2", &elf(&[program, (last, last, &[1], 1)]));
+            assert!(told.contains("which holds settings"), "{told}");
         }
     }
 }

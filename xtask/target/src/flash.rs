@@ -63,9 +63,9 @@ pub(crate) use with_probe::{need_probe, start};
 /// Makes sure that what lies in a file lies in the right place on the chip, as the last before it is written.
 fn check(board: &Board, elf: &Path) -> Result<()> {
     let refused = || format!("{} would not start on the {}", elf.display(), board.title);
-    layout::check(board, &compile::read(elf)?)
-        .map(|_| ())
-        .with_context(refused)
+    let image = compile::read(elf)?;
+    layout::check(board, &image).with_context(refused)?;
+    layout::check_board(board, &image).with_context(refused)
 }
 
 #[cfg(feature = "probe")]
