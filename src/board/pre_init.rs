@@ -26,7 +26,7 @@ mod assembly {
         // The registers of the processor begin at 0xE000_E000.
         "movw r0, #0xe000",
         "movt r0, #0xe000",
-        // ACTLR: the core buffers writes and folds instructions, as the cycle table has it.
+        // ACTLR: as after a reset.
         "str r1, [r0, #0x8]",
         // SYST_CSR: SysTick is off.
         "str r1, [r0, #0x10]",
