@@ -313,12 +313,23 @@ struct Bootloader {
 
 impl Bootloader {
     fn read(entries: &mut Entries, file: &Place) -> Result<Self, Fault> {
+        if let Some(entry) = entries.take("bootloader") {
+            let message = "a bootloader is a table, as in bootloader = { kib = 32, file = \"firmware.bin\" }; without one, \
+                           bootloader.kib = 0";
+            return Err(entry.place.fault(message));
+        }
         let kib = entries.take("bootloader.kib");
         let name = entries.take("bootloader.file");
         let (place, kib) = match kib {
             Some(entry) => (entry.place.clone(), entry.number()?),
             None => (file.clone(), 0),
         };
+        if kib == 0
+            && let Some(entry) = name
+        {
+            let message = "a file for a bootloader of 0 KiB: `bootloader.kib` is what the bootloader has before the program";
+            return Err(entry.place.fault(message));
+        }
         let file = name.map(|entry| file_name(&entry)).transpose()?;
         Ok(Self { kib, file, place })
     }
@@ -326,13 +337,7 @@ impl Bootloader {
     /// Returns where program and settings are behind it.
     fn memory(&self, chip: &Chip, part: &Part, wiring: &Wiring) -> Result<MemoryLayout, Fault> {
         let memory = MemoryLayout::of(chip, part, self.kib, wiring.eeprom.is_some());
-        memory.map_err(|error| {
-            let fault = self.place.fault(error);
-            match wiring.axes() {
-                FEWEST_AXES => fault,
-                axes => fault.and(&format!(", with {axes} axes")),
-            }
-        })
+        memory.map_err(|error| self.place.fault(of_axes(error, wiring.axes())))
     }
 }
 
@@ -389,7 +394,7 @@ fn wirings(
     let mut wirings = Vec::new();
     for axes in FEWEST_AXES..=MOST_AXES {
         functions.replace_with(&entries.take_all(&format!("with_{axes}_axes.")));
-        take_eeprom_away(&mut functions)?;
+        take_eeprom_away(&mut functions, axes, file)?;
         let letter = AXES[axes - 1];
         let has_phases = functions.get("axes.X.phases").is_some();
         let step = if has_phases { "phases" } else { "step" };
@@ -419,15 +424,28 @@ fn wirings(
     Ok(wirings)
 }
 
-/// Takes the pins of an EEPROM away where it is `"none"`.
-fn take_eeprom_away(functions: &mut Entries) -> Result<(), Fault> {
+/// Takes the pins of an EEPROM away where it is `"none"`. There must be one, unless another file says so: what it takes
+/// away may be gone by what this file says.
+fn take_eeprom_away(functions: &mut Entries, axes: usize, file: &Place) -> Result<(), Fault> {
     let Some(entry) = functions.take("eeprom") else {
         return Ok(());
     };
-    if entry.text()? != "none" {
+    if entry.text().ok() != Some("none") {
         let message = "an EEPROM is a table, [eeprom], or \"none\" where the settings are in flash";
         return Err(entry.place.fault(message));
     }
-    functions.take_all("eeprom.");
+    let taken = functions.take_all("eeprom.");
+    if taken.iter().next().is_none() && entry.place.is_beside(file) {
+        let message = "there is no EEPROM here that `eeprom = \"none\"` could take away".to_owned();
+        return Err(entry.place.fault(of_axes(message, axes)));
+    }
     Ok(())
+}
+
+/// Returns a message with the number of axes, where it is not the usual one.
+fn of_axes(message: String, axes: usize) -> String {
+    match axes {
+        FEWEST_AXES => message,
+        axes => format!("{message}, with {axes} axes"),
+    }
 }

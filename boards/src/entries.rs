@@ -35,6 +35,11 @@ impl Place {
         Self { file, line }
     }
 
+    /// Returns whether the place is in the same file as another one.
+    pub(crate) fn is_beside(&self, other: &Self) -> bool {
+        self.file == other.file
+    }
+
     /// Returns a fault at this place.
     pub fn fault(&self, message: impl Into<String>) -> Fault {
         Fault {
@@ -131,8 +136,9 @@ impl Entries {
     /// Reads a file, with what it takes from the file it is `like`.
     pub(crate) fn read(path: &Path) -> Result<Self, Fault> {
         let mut chain = vec![path.to_path_buf()];
-        let mut all = Self::read_one(path)?;
-        let mut model = all.0.remove("like");
+        let mut nearest = Self::read_one(path)?;
+        let mut model = nearest.0.remove("like");
+        let mut files = vec![nearest];
         while let Some(like) = model {
             let next = beside(path, like.text()?);
             if chain.contains(&next) {
@@ -144,12 +150,31 @@ impl Entries {
             }
             let mut inherited = Self::read_one(&next)?;
             model = inherited.0.remove("like");
-            for (key, entry) in inherited.0 {
-                all.0.entry(key).or_insert(entry);
-            }
+            files.push(inherited);
             chain.push(next);
         }
+        let mut all = Self::default();
+        for nearer in files.iter().rev() {
+            all.drop_void(nearer);
+            all.replace_with(nearer);
+        }
         Ok(all)
+    }
+
+    /// Drops what is void with a nearer file: that there is no EEPROM where that file has one, and what had been taken
+    /// away with it; the file for a bootloader that is not there.
+    fn drop_void(&mut self, nearer: &Self) {
+        for (key, _) in nearer.iter() {
+            if let Some((axes, _)) = key.split_once("eeprom.")
+                && self.take(&format!("{axes}eeprom")).is_some()
+            {
+                self.take_all(&format!("{axes}eeprom."));
+            }
+        }
+        let kib = nearer.get("bootloader.kib");
+        if kib.is_some_and(|entry| entry.value == Value::Number(0)) {
+            self.take("bootloader.file");
+        }
     }
 
     fn read_one(path: &Path) -> Result<Self, Fault> {

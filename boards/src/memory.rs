@@ -6,6 +6,9 @@ use crate::{Chip, Part};
 const FLASH: u32 = 0x0800_0000;
 /// Start of the RAM of every chip.
 const RAM: u32 = 0x2000_0000;
+/// The least that a bootloader must leave for the program: no firmware is as small, and a smaller rest is a mistake in
+/// the board's file. Whether an image fits is known when it is built.
+const MIN_PROGRAM_KIB: u32 = 256;
 
 /// Where program and settings are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,7 +44,8 @@ impl MemoryLayout {
     ///
     /// # Errors
     ///
-    /// If the program cannot begin behind the bootloader, or no two sectors are left for the settings.
+    /// If the program cannot begin behind the bootloader or has no room there, or no two sectors are left for the
+    /// settings.
     pub(crate) fn of(
         chip: &Chip,
         part: &Part,
@@ -55,8 +59,10 @@ impl MemoryLayout {
             address: sectors.0[number],
             bytes: chip.sectors_kib[number] * 1024,
         };
-        let flash_start = FLASH + bootloader_kib * 1024;
-        let Some(first) = sectors.at(flash_start) else {
+        let start = bootloader_kib.checked_mul(1024);
+        let start = start.and_then(|bytes| FLASH.checked_add(bytes));
+        let start = start.and_then(|start| Some((start, sectors.at(start)?)));
+        let Some((flash_start, first)) = start else {
             let starts = sectors.0.iter().map(|start| (start - FLASH) / 1024);
             let starts: Vec<_> = starts.map(|kib| kib.to_string()).collect();
             return Err(format!(
@@ -68,7 +74,7 @@ impl MemoryLayout {
         if has_eeprom {
             return Ok(Self {
                 flash_start,
-                flash_bytes: end - flash_start,
+                flash_bytes: program_bytes(part, bootloader_kib, end)?,
                 code_start: None,
                 ram_bytes: chip.ram_kib * 1024,
                 journal: None,
@@ -94,7 +100,7 @@ impl MemoryLayout {
         let program_end = if is_behind { sectors.0[last - 1] } else { end };
         Ok(Self {
             flash_start,
-            flash_bytes: program_end - flash_start,
+            flash_bytes: program_bytes(part, bootloader_kib, program_end)?,
             code_start: (!is_behind).then(|| sectors.0[journal[1] + 1]),
             ram_bytes: chip.ram_kib * 1024,
             journal: Some(journal.map(sector)),
@@ -111,6 +117,24 @@ impl MemoryLayout {
     pub fn is_ram(&self, address: u64) -> bool {
         is_in(address, RAM, self.ram_bytes)
     }
+}
+
+/// Returns the bytes between a bootloader and the end of what the program may have.
+fn program_bytes(part: &Part, bootloader_kib: u32, end: u32) -> Result<u32, String> {
+    let kib = ((end - FLASH) / 1024).saturating_sub(bootloader_kib);
+    if kib < MIN_PROGRAM_KIB {
+        let settings_kib = part.flash_kib - (end - FLASH) / 1024;
+        let settings = match settings_kib {
+            0 => String::new(),
+            kib => format!(", with {kib} KiB for the settings at the end"),
+        };
+        return Err(format!(
+            "a bootloader of {bootloader_kib} KiB leaves {kib} KiB of {} for the program, which needs \
+             {MIN_PROGRAM_KIB} at least{settings}",
+            part.flash_kib
+        ));
+    }
+    Ok(kib * 1024)
 }
 
 fn is_in(address: u64, start: u32, bytes: u32) -> bool {

@@ -69,6 +69,31 @@ const WRONG: &[(&str, &str, usize, &str)] = &[
         "an EEPROM is a table, [eeprom], or \"none\"",
     ),
     (
+        "sda = \"C7\"",
+        "sda = \"C7\"\n[with_4_axes]\neeprom = 16",
+        17,
+        "an EEPROM is a table, [eeprom], or \"none\"",
+    ),
+    // Both in one file, for the same axes.
+    (
+        "crystal_mhz = 12",
+        "crystal_mhz = 12\neeprom = \"none\"",
+        13,
+        "duplicate key",
+    ),
+    (
+        "sda = \"C7\"",
+        "sda = \"C7\"\n[with_4_axes]\neeprom = \"none\"\neeprom.kib = 16",
+        18,
+        "cannot extend value of type string",
+    ),
+    (
+        "[eeprom]\nkib = 8\nscl = \"C6\"\nsda = \"C7\"",
+        "[with_4_axes]\neeprom = \"none\"",
+        13,
+        "there is no EEPROM here that `eeprom = \"none\"` could take away, with 4 axes",
+    ),
+    (
         "crystal_mhz = 12",
         "crystal_mhz = 12\nqemu = \"netduinoplus2\"",
         4,
@@ -182,6 +207,69 @@ fn a_board_like_another_may_lack_its_eeprom_or_its_bootloader() {
     assert_eq!(
         (memory.flash_start, memory.flash_bytes),
         (0x0800_0000, 512 * 1024)
+    );
+}
+
+/// A board like another one, with what differs, and the features with five axes or the line and the words of the error.
+type Like<'a> = (&'a str, Result<&'a [&'a str], &'a str>);
+
+/// Boards like the Spider: an EEPROM of 4 KiB, with five axes settings in flash.
+const LIKE_SPIDER: &[Like<'_>] = &[
+    ("", Ok(&["chip-f446"])),
+    (
+        "[with_5_axes.eeprom]\nkib = 16\n",
+        Ok(&["chip-f446", "eeprom"]),
+    ),
+    ("[eeprom]\nkib = 16\n", Ok(&["chip-f446"])),
+    ("eeprom = \"none\"\n", Ok(&["chip-f446"])),
+    (
+        "[with_5_axes]\neeprom.scl = \"none\"\n",
+        Err(":3: \"none\" is no pin"),
+    ),
+    (
+        "[with_5_axes]\neeprom.sda = \"B7\"\n",
+        Err("an EEPROM of less than 8 KiB has room for the settings of 4 axes"),
+    ),
+    (
+        "eeprom = \"none\"\n[with_5_axes.eeprom]\nkib = 16\n",
+        Err(":4: `eeprom.scl` is missing"),
+    ),
+    (
+        "eeprom = \"none\"\n[with_5_axes]\neeprom = \"none\"\n",
+        Err(":4: there is no EEPROM here that `eeprom = \"none\"` could take away, with 5 axes"),
+    ),
+];
+
+#[test]
+fn the_nearer_file_says_whether_there_is_an_eeprom() {
+    let boards = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let spider = fs::read_to_string(boards.join("fysetc-spider.toml")).expect("it is there");
+    read("spider", &spider).expect("nothing is wrong");
+    for (number, (differs, expected)) in LIKE_SPIDER.iter().enumerate() {
+        let text = format!("like = \"spider\"\n{differs}");
+        let features = read(&format!("like-spider-{number}"), &text).map(|board| board.features(5));
+        match (features, expected) {
+            (Ok(features), Ok(expected)) => assert_eq!(features, *expected, "{differs}"),
+            (Err(error), Err(words)) => assert!(error.contains(words), "{differs}: {error}"),
+            (found, _) => panic!("{differs}: {found:?}"),
+        }
+    }
+}
+
+#[test]
+fn what_a_nearer_file_took_away_does_not_come_back() {
+    read("model-3", &RIGHT.replace("kib = 64", "kib = 32")).expect("nothing is wrong");
+    read("lacks-it", "like = \"model-3\"\neeprom = \"none\"\n").expect("nothing is wrong");
+    let board = read("lacks-it, too", "like = \"lacks-it\"\n").expect("nothing is wrong");
+    assert_eq!(board.features(3), ["chip-f446"]);
+    let whole = "like = \"lacks-it\"\n[eeprom]\nkib = 16\nscl = \"C8\"\nsda = \"C9\"\n";
+    let board = read("has-one", whole).expect("nothing is wrong");
+    assert_eq!(board.features(3), ["chip-f446", "eeprom"]);
+    let part = "like = \"lacks-it\"\n[eeprom]\nkib = 16\n";
+    let error = read("has-half", part).expect_err("its pins are void");
+    assert!(
+        error.contains("has-half.toml:3: `eeprom.scl` is missing"),
+        "{error}"
     );
 }
 

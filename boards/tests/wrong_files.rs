@@ -191,6 +191,36 @@ const WRONG: &[(&str, &str, usize, &str)] = &[
         "the name of a file is wanted",
     ),
     (
+        "[labels]",
+        "[bootloader]\nkib = 4194304\n[labels]",
+        25,
+        "no sector of the flash begins at 4194304 KiB",
+    ),
+    (
+        "[labels]",
+        "[bootloader]\nkib = 4194303\n[labels]",
+        25,
+        "no sector of the flash begins at 4194303 KiB",
+    ),
+    (
+        "[labels]",
+        "[bootloader]\nfile = \"firmware.bin\"\n[labels]",
+        25,
+        "a file for a bootloader of 0 KiB",
+    ),
+    (
+        "[labels]",
+        "[bootloader]\nkib = 0\nfile = \"firmware.bin\"\n[labels]",
+        26,
+        "a file for a bootloader of 0 KiB",
+    ),
+    (
+        "crystal_mhz = 12",
+        "crystal_mhz = 12\nbootloader = 32",
+        4,
+        "a bootloader is a table, as in bootloader = { kib = 32, file = \"firmware.bin\" }",
+    ),
+    (
         "step = \"F13\", direction = \"F12\"",
         "step_pin = \"F13\", direction = \"F12\"",
         9,
@@ -557,6 +587,68 @@ fn settings_lie_where_no_program_does() {
         (0x0800_8000, Some(0x0802_0000))
     );
     assert_eq!(behind.flash_bytes, (512 - 32) * 1024);
+}
+
+#[test]
+fn a_bootloader_leaves_room_for_a_program_before_the_settings() {
+    let eeprom = "[eeprom]\nkib = 16\nscl = \"B8\"\nsda = \"B9\"\n";
+    for (chip, kib, eeprom, left) in [
+        ("F407ZG", 512, "", Ok(256)),
+        ("F407ZG", 640, "", Err(128)),
+        ("F407ZG", 768, "", Err(0)),
+        ("F407ZG", 896, "", Err(0)),
+        ("F407ZG", 768, eeprom, Ok(256)),
+        ("F407ZG", 896, eeprom, Err(128)),
+        ("F446ZE", 256, eeprom, Ok(256)),
+        ("F446ZE", 384, eeprom, Err(128)),
+    ] {
+        let right = RIGHT.replace("F446ZE", chip);
+        let text = format!("{right}\n{eeprom}[bootloader]\nkib = {kib}\n");
+        let name = format!("left-{chip}-{kib}-{}", eeprom.len());
+        match (read(&name, &text), left) {
+            (Ok(board), Ok(left)) => assert_eq!(board.memory(3).flash_bytes, left * 1024),
+            (Err(error), Err(left)) => {
+                let words = format!(
+                    ": a bootloader of {kib} KiB leaves {left} KiB of {} for the program",
+                    if chip == "F407ZG" { "1024" } else { "512" }
+                );
+                let line = text.lines().count();
+                let place = format!("{name}.toml:{line}{words}");
+                assert!(error.contains(&place), "{error}");
+            }
+            (found, _) => panic!("{name}: {found:?}"),
+        }
+    }
+}
+
+#[test]
+fn without_the_bootloader_of_another_board_there_is_no_file_for_it() {
+    let with = "bootloader = { kib = 32, file = \"firmware.bin\" }\n";
+    let board = read("with-loader", &format!("{with}{RIGHT}")).expect("nothing is wrong");
+    assert_eq!(board.bootloader_file.as_deref(), Some("firmware.bin"));
+    for (name, like, more, file) in [
+        ("no-loader", "with-loader", "bootloader.kib = 0", None),
+        ("no-loader-either", "no-loader", "", None),
+        (
+            "small-loader",
+            "with-loader",
+            "bootloader.kib = 16",
+            Some("firmware.bin"),
+        ),
+        (
+            "other-file",
+            "with-loader",
+            "bootloader.file = \"other.bin\"",
+            Some("other.bin"),
+        ),
+    ] {
+        let board = read(name, &format!("like = \"{like}\"\n{more}\n")).expect(name);
+        assert_eq!(board.bootloader_file.as_deref(), file, "{name}");
+        assert_eq!(board.bootloader_kib == 0, file.is_none(), "{name}");
+    }
+    let text = "like = \"no-loader\"\nbootloader.file = \"firmware.bin\"\n";
+    let error = read("file-only", text).expect_err("a file for nothing");
+    assert!(error.contains("file-only.toml:2: a file for"), "{error}");
 }
 
 #[test]

@@ -195,6 +195,17 @@ impl<'a> WiringReader<'a> {
             wanted("eeprom.scl")?,
             wanted("eeprom.sda")?,
         ];
+        let mut pin = |key: &str, entry: &Entry| {
+            let signed = signed_pin(entry)?;
+            if signed.is_active_low || signed.pull != Pull::None {
+                let message = "the pins of an EEPROM have no sign: they are pulled up";
+                return Err(entry.place.fault(message));
+            }
+            self.use_pin(signed.pin, key, &entry.place)?;
+            Ok(signed.pin)
+        };
+        let clock = pin("eeprom.scl", &clock)?;
+        let data = pin("eeprom.sda", &data)?;
         if !(MIN_EEPROM_KIB..=MAX_EEPROM_KIB).contains(&kib.number()?) {
             let message =
                 format!("the settings need an EEPROM of {MIN_EEPROM_KIB} to {MAX_EEPROM_KIB} KiB");
@@ -209,18 +220,9 @@ impl<'a> WiringReader<'a> {
             );
             return Err(kib.place.fault(message));
         }
-        let mut pin = |key: &str, entry: &Entry| {
-            let signed = signed_pin(entry)?;
-            if signed.is_active_low || signed.pull != Pull::None {
-                let message = "the pins of an EEPROM have no sign: they are pulled up";
-                return Err(entry.place.fault(message));
-            }
-            self.use_pin(signed.pin, key, &entry.place)?;
-            Ok(signed.pin)
-        };
         Ok(Some(EepromPins {
-            clock: pin("eeprom.scl", &clock)?,
-            data: pin("eeprom.sda", &data)?,
+            clock,
+            data,
             is_small,
         }))
     }
