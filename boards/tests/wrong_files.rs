@@ -651,6 +651,37 @@ fn without_the_bootloader_of_another_board_there_is_no_file_for_it() {
     assert!(error.contains("file-only.toml:2: a file for"), "{error}");
 }
 
+/// Boards of the project, and KiB of each sector with their settings, with the most axes that they have.
+const SETTINGS_KIB: [(&str, [u32; 2]); 6] = [
+    ("blackpill-f411", [16, 16]),
+    ("nucleo-f446re", [16, 16]),
+    ("netduino-plus-2", [16, 16]),
+    ("fysetc-spider", [16, 64]),
+    ("btt-skr-2", [128, 128]),
+    ("btt-octopus-1.1-f429", [128, 128]),
+];
+
+#[test]
+fn a_sector_has_the_size_of_the_chips() {
+    for (name, expected) in SETTINGS_KIB {
+        let board = Board::read(&Board::path(name, root()), root()).expect("nothing is wrong");
+        let memory = board.memory(board.most_axes());
+        let pages = memory.journal.expect("settings in flash");
+        assert_eq!(
+            pages.map(|page| page.bytes),
+            expected.map(|kib| kib * 1024),
+            "{name}"
+        );
+        // The second one follows the first one.
+        assert_eq!(
+            pages[0].address + pages[0].bytes,
+            pages[1].address,
+            "{name}"
+        );
+        assert_eq!(memory.last.bytes, 128 * 1024, "{name}");
+    }
+}
+
 #[test]
 fn the_last_sector_without_settings_is_one_that_a_program_may_have() {
     for board in Board::all(root()).expect("nothing is wrong") {
