@@ -1,9 +1,10 @@
 //! Programs of others beside tests: an environment of Python, filled by pip, in the folder of build results.
 
 use std::{
-    fs,
+    fmt, fs,
+    hash::{DefaultHasher, Hash as _, Hasher as _},
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::{self, Command, Stdio},
 };
 
 use anyhow::{Context, Result, bail, ensure};
@@ -14,27 +15,76 @@ use crate::{cargo, ui};
 pub fn plain_python() -> Result<PathBuf> {
     ensure!(
         cargo::is_there("python3"),
-        "python3 is not installed (Debian, Ubuntu: `sudo apt-get install python3`)"
+        Unavailable(
+            "python3 is not installed (Debian, Ubuntu: `sudo apt-get install python3`)".into()
+        )
     );
     Ok("python3".into())
 }
 
-/// A Python in the folder `home` with the packages of a list, which the user is told as `what`.
-pub fn python(home: &Path, list: &Path, what: &str) -> Result<PathBuf> {
-    let system = plain_python()?;
-    let program = home.join("bin/python");
-    let wanted = fs::read_to_string(list)?;
-    if is_noted(home, &wanted) && cargo::is_there(&program.to_string_lossy()) {
-        return Ok(program);
+/// The oldest Python that will do.
+const OLDEST_PYTHON: (u32, u32) = (3, 9);
+
+/// Why something cannot be had on this computer, which is no fault of the project: the error of [`python`] then is one
+/// of these.
+#[derive(Debug)]
+pub struct Unavailable(String);
+
+impl fmt::Display for Unavailable {
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        to.write_str(&self.0)
     }
-    ui::status("Installing", &format!("{what} with pip"));
-    let _ = fs::remove_dir_all(home);
-    fs::create_dir_all(home.parent().unwrap_or(home))?;
-    quietly(Command::new(system).args(["-m", "venv"]).arg(home)).context(
-        "Python cannot make an environment (Debian, Ubuntu: `sudo apt-get install python3-venv`)",
-    )?;
+}
+
+/// A Python in a folder beside `home` with the packages of a list, which the user is told as `what`.
+///
+/// Each list and each version of Python have a folder of their own, which is filled under another name and never
+/// changed: another process may be using it.
+pub fn python(home: &Path, list: &Path, what: &str) -> Result<PathBuf> {
+    environment(&plain_python()?, home, list, what)
+}
+
+fn environment(system: &Path, home: &Path, list: &Path, what: &str) -> Result<PathBuf> {
+    let wanted = fs::read(list).with_context(|| format!("cannot read {}", list.display()))?;
+    let version = python_version(system)?;
+    let mut hasher = DefaultHasher::new();
+    (&wanted, &version).hash(&mut hasher);
+    let home = suffixed(home, &format!("{:016x}", hasher.finish()));
+    let program = home.join("bin/python");
+    if !home.exists() {
+        ui::status("Installing", &format!("{what} with pip"));
+        let own = suffixed(&home, &process::id().to_string());
+        let filled = fill(&own, system, list, what).and_then(|()| move_to(&own, &home));
+        // What has failed, or came second.
+        let _ = fs::remove_dir_all(&own);
+        filled?;
+    }
+    ensure!(
+        cargo::is_there(&program.to_string_lossy()),
+        "{} does not start: remove {}",
+        program.display(),
+        home.display()
+    );
+    Ok(program)
+}
+
+/// A path with more behind its name.
+fn suffixed(path: &Path, suffix: &str) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!("{name}-{suffix}"))
+}
+
+/// Makes an environment with the packages of a list.
+fn fill(folder: &Path, system: &Path, list: &Path, what: &str) -> Result<()> {
+    // Of a process that had this one's number.
+    let _ = fs::remove_dir_all(folder);
+    fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    quietly(Command::new(system).args(["-m", "venv"]).arg(folder)).context(Unavailable(
+        "Python cannot make an environment (Debian, Ubuntu: `sudo apt-get install python3-venv`)"
+            .into(),
+    ))?;
     // The list is whole: what it does not name is not used.
-    let mut pip = Command::new(&program);
+    let mut pip = Command::new(folder.join("bin/python"));
     pip.args([
         "-m",
         "pip",
@@ -43,9 +93,34 @@ pub fn python(home: &Path, list: &Path, what: &str) -> Result<PathBuf> {
         "--disable-pip-version-check",
     ]);
     quietly(pip.arg("--requirement").arg(list))
-        .with_context(|| format!("pip cannot install {what}"))?;
-    note(home, &wanted)?;
-    Ok(program)
+        .with_context(|| Unavailable(format!("pip cannot install {what}")))
+}
+
+/// Gives a folder its name, unless another process was first, which has made the same.
+fn move_to(own: &Path, home: &Path) -> Result<()> {
+    match fs::rename(own, home) {
+        Err(error) if !home.exists() => {
+            Err(error).with_context(|| format!("cannot make {}", home.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The version of a Python, which is new enough.
+fn python_version(python: &Path) -> Result<String> {
+    let asked = Command::new(python).arg("--version").output()?;
+    let said = String::from_utf8_lossy(&asked.stdout);
+    let version = said.trim().trim_start_matches("Python ").to_owned();
+    let mut numbers = version.split('.').map_while(|part| part.parse().ok());
+    let found = (numbers.next().unwrap_or(0), numbers.next().unwrap_or(0));
+    let (major, minor) = OLDEST_PYTHON;
+    ensure!(
+        found >= OLDEST_PYTHON,
+        Unavailable(format!(
+            "Python {version} is too old: {major}.{minor} or newer is needed"
+        ))
+    );
+    Ok(version)
 }
 
 /// Whether all that is wanted has been installed.
@@ -82,6 +157,97 @@ mod tests {
         note(home.path(), "unicorn==2").unwrap();
         assert!(is_noted(home.path(), "unicorn==2"));
         assert!(!is_noted(home.path(), "unicorn==3"));
+    }
+
+    /// A Python of a version that makes environments with itself in them, and fails at a step.
+    #[cfg(unix)]
+    fn false_python(folder: &Path, version: &str, fails_at: &str) -> PathBuf {
+        let script = format!(
+            "#!/bin/sh
+case \"$*\" in
+  '-m {fails_at} '*) echo no {fails_at}; exit 1 ;;
+  --version) echo Python {version} ;;
+  '-m venv '*) mkdir -p \"$3/bin\"; cp \"$0\" \"$3/bin/python\" ;;
+esac
+"
+        );
+        let (text, program) = (folder.join("text"), folder.join("python3"));
+        fs::write(&text, script).unwrap();
+        // By another process: a program that is open for writing cannot be started.
+        let mut install = Command::new("install");
+        quietly(install.args(["-m", "755"]).arg(&text).arg(&program)).unwrap();
+        program
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn an_environment_is_made_once_for_each_list_and_python_and_never_changed() {
+        let folder = tempfile::tempdir().unwrap();
+        let (home, list) = (folder.path().join("python"), folder.path().join("list"));
+        fs::write(&list, "unicorn==2").unwrap();
+        let make = |version, fails_at| {
+            let system = false_python(folder.path(), version, fails_at);
+            environment(&system, &home, &list, "Unicorn")
+        };
+        let first = make("3.9.2", "nothing").unwrap();
+        // Nothing is installed any more.
+        assert_eq!(make("3.9.2", "venv").unwrap(), first);
+        let second = make("3.10.0", "nothing").unwrap();
+        fs::write(&list, "unicorn==3").unwrap();
+        let third = make("3.10.0", "nothing").unwrap();
+        assert!(first != second && second != third);
+        assert!([&first, &second, &third].iter().all(|it| it.exists()));
+        fs::remove_file(&third).unwrap();
+        let told = make("3.10.0", "nothing").unwrap_err().to_string();
+        assert!(told.contains("does not start: remove "), "{told}");
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn what_python_or_pip_cannot_do_is_told_apart_from_faults() {
+        let folder = tempfile::tempdir().unwrap();
+        let (home, list) = (folder.path().join("python"), folder.path().join("list"));
+        fs::write(&list, "unicorn==2").unwrap();
+        for (version, fails_at, reason) in [
+            (
+                "3.8.19",
+                "nothing",
+                "Python 3.8.19 is too old: 3.9 or newer is needed",
+            ),
+            ("3.9.0", "venv", "python3-venv`): no venv"),
+            ("3.9.0", "pip", "pip cannot install Unicorn: no pip"),
+        ] {
+            let system = false_python(folder.path(), version, fails_at);
+            let error = environment(&system, &home, &list, "Unicorn").unwrap_err();
+            let told = format!("{error:#}");
+            assert!(told.contains(reason), "{told}");
+            assert!(error.is::<Unavailable>(), "{told}");
+        }
+        let left = fs::read_dir(folder.path()).unwrap().count();
+        assert_eq!(left, 3, "the list, and the Python with its text");
+        let system = false_python(folder.path(), "3.9.0", "nothing");
+        // A file where a folder has to be, and no list.
+        for (home, list) in [
+            (list.join("python"), &list),
+            (home, &folder.path().join("none")),
+        ] {
+            let error = environment(&system, &home, list, "Unicorn").unwrap_err();
+            assert!(!error.is::<Unavailable>(), "{error:#}");
+        }
+    }
+
+    #[test]
+    fn the_environment_of_the_process_that_was_first_is_used() {
+        let folder = tempfile::tempdir().unwrap();
+        let home = folder.path().join("python");
+        for name in ["first", "second"] {
+            let own = folder.path().join(name);
+            fs::create_dir(&own).unwrap();
+            fs::write(own.join("name"), name).unwrap();
+            move_to(&own, &home).unwrap();
+        }
+        assert_eq!(fs::read_to_string(home.join("name")).unwrap(), "first");
+        assert!(move_to(&folder.path().join("third"), &folder.path().join("there")).is_err());
     }
 
     #[test]
