@@ -13,6 +13,7 @@ use anstream::{print, println};
 use anyhow::{Context, Result, anyhow, bail};
 use boards::{Board, pins, rates};
 use common::{cargo, tools};
+use firmware::rehearsal;
 use owo_colors::OwoColorize;
 
 /// Check the file of a board, or make one of a printer's configuration
@@ -166,10 +167,23 @@ fn prove(board: &Board) -> Result<Vec<u32>> {
     Ok(rates)
 }
 
+/// What is said first of a firmware that cannot be started on this computer.
+pub(crate) const NOT_STARTED: &str = "not started";
+
+/// What became of a firmware.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Outcome {
+    Started,
+    NotStarted,
+    Failed,
+}
+
 /// Builds the firmware of boards with each number of axes, looks what it leaves free, and starts it on a model of its
-/// chip: two at a time, those of one chip one after the other, in a folder of their own. Returns false where one does not
-/// start or leaves too little.
+/// chip: two at a time, those of one chip one after the other, in a folder of their own. Returns false where one does
+/// not start or leaves too little.
 fn starts(boards: &[Board]) -> Result<bool> {
+    // Once: what cannot be had is not asked for with each.
+    let unstarted = rehearsal::python()?.err();
     let mut by_chip: BTreeMap<&str, Vec<&Board>> = BTreeMap::new();
     for board in boards {
         by_chip.entry(&board.chip.hal).or_default().push(board);
@@ -177,44 +191,54 @@ fn starts(boards: &[Board]) -> Result<bool> {
     let chips = Mutex::new(by_chip.into_values());
     let top = cargo::target_dir_for(3);
     let next = || chips.lock().ok()?.next();
-    let work = |into: &Path| -> Result<bool> {
-        let mut are_right = true;
+    let work = |into: &Path| -> Result<Vec<Outcome>> {
+        let mut outcomes = Vec::new();
         while let Some(boards) = next() {
             for board in boards {
                 for axes in 3..=board.most_axes() {
-                    are_right &= is_started(board, axes, into)?;
+                    outcomes.push(start(board, axes, into, unstarted.as_deref())?);
                 }
             }
         }
-        Ok(are_right)
+        Ok(outcomes)
     };
-    thread::scope(|scope| {
+    let outcomes = thread::scope(|scope| {
         let beside = scope.spawn(|| work(&top.join("second")));
         let own = work(&top);
         let beside = beside
             .join()
             .map_err(|_| anyhow!("a thread has panicked"))?;
-        Ok(own? & beside?)
-    })
+        anyhow::Ok([own?, beside?].concat())
+    })?;
+    let count = |which| outcomes.iter().filter(|it| **it == which).count();
+    let (left_out, all) = (count(Outcome::NotStarted), outcomes.len());
+    if left_out > 0 {
+        let reason = unstarted.unwrap_or_else(|| "see above".into());
+        println!("{left_out} of {all} were {NOT_STARTED}: {reason}");
+    }
+    Ok(count(Outcome::Failed) == 0)
 }
 
-/// Has a firmware built and started, and prints what became of it.
-fn is_started(board: &Board, axes: usize, into: &Path) -> Result<bool> {
+/// Has a firmware built and started, unless there is a reason why none can be, and prints what became of it.
+fn start(board: &Board, axes: usize, into: &Path, unstarted: Option<&str>) -> Result<Outcome> {
     let axes = u8::try_from(axes).context("a machine has six axes at most")?;
-    let output = tools::command_for(tools::FIRMWARE, axes)?
-        .args(["start", &board.argument(), "--into"])
-        .arg(into)
-        .env(cargo::AXES, axes.to_string())
-        .output()?;
-    let is_started = output.status.success();
-    let told = if is_started {
-        output.stdout
+    let mut command = tools::command_for(tools::FIRMWARE, axes)?;
+    command.args(["start", &board.argument(), "--into"]);
+    command.arg(into).env(cargo::AXES, axes.to_string());
+    if let Some(reason) = unstarted {
+        command.arg(format!("--unstarted={reason}"));
+    }
+    let output = command.output()?;
+    let (outcome, told) = if !output.status.success() {
+        (Outcome::Failed, output.stderr)
+    } else if output.stdout.starts_with(NOT_STARTED.as_bytes()) {
+        (Outcome::NotStarted, output.stdout)
     } else {
-        output.stderr
+        (Outcome::Started, output.stdout)
     };
     let told = String::from_utf8_lossy(&told);
     println!("{} with {axes} axes: {}", board.name, told.trim_end());
-    Ok(is_started)
+    Ok(outcome)
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use std::{path::PathBuf, process::ExitCode};
 use anyhow::{Result, ensure};
 use boards::{compile, layout};
 use clap::Parser;
-use common::{cargo, check::Verdict, ui};
+use common::{cargo, ui};
 use firmware::{card, rehearsal};
 
 /// Builds the firmware and shows its size.
@@ -35,6 +35,9 @@ enum Verb {
         /// Where Cargo builds it.
         #[arg(long)]
         into: Option<PathBuf>,
+        /// Why it cannot be started: it is only built.
+        #[arg(long)]
+        unstarted: Option<String>,
     },
     /// Builds the firmware and tests it over its serial line.
     #[command(hide = true)]
@@ -49,7 +52,11 @@ fn main() -> ExitCode {
         Verb::Board(verb) => board::run(&verb),
         Verb::Boards => list(),
         Verb::All { board } => every_firmware(&board),
-        Verb::Start { board, into } => start(&board, into),
+        Verb::Start {
+            board,
+            into,
+            unstarted,
+        } => start(&board, into, unstarted),
         Verb::Serial => over_serial(),
     })
 }
@@ -109,7 +116,7 @@ fn every_firmware(board: &str) -> Result<ExitCode> {
 }
 
 /// What is flashed: the room that it leaves, and its start on a model of the chip.
-fn start(board: &str, into: Option<PathBuf>) -> Result<ExitCode> {
+fn start(board: &str, into: Option<PathBuf>, unstarted: Option<String>) -> Result<ExitCode> {
     let board = boards::named(board)?;
     let image = compile::image_in(&into.unwrap_or_else(cargo::target_dir), &board, &[])?;
     let free = layout::check(&board, &image)?.free();
@@ -121,12 +128,15 @@ fn start(board: &str, into: Option<PathBuf>) -> Result<ExitCode> {
     );
     let elf = compile::place(&board, "-unproven");
     compile::replace(&elf, &image)?;
-    match rehearsal::rehearse(&board, &elf)? {
-        Verdict::Passed => Verdict::Counted(kib),
-        Verdict::Counted(figures) => Verdict::Counted(format!("starts {figures}, {kib}")),
-        Verdict::Skipped(reason) => Verdict::Skipped(format!("{reason}; {kib}")),
-    }
-    .print();
+    let python = match unstarted {
+        Some(reason) => Err(reason),
+        None => rehearsal::python()?,
+    };
+    let told = match python {
+        Ok(python) => format!("starts {}", rehearsal::rehearse(&board, &elf, &python)?),
+        Err(reason) => format!("{}: {reason}", board::NOT_STARTED),
+    };
+    println!("{told}; {kib}");
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,0 +1,125 @@
+//! Programs in the place of Cargo and of Python, and a firmware that no compiler has made.
+
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+
+/// A Cargo that builds nothing and leaves a file where a firmware, or a tool, would be.
+const CARGO: &str = "#!/bin/sh
+while [ $# -gt 0 ]; do
+  case \"$1\" in
+    --target) target=$2 ;;
+    --target-dir) folder=$2 ;;
+    --package) tool=$2 ;;
+  esac
+  shift
+done
+mkdir -p \"$folder/tools\" \"$folder/$target/release\"
+case \"$tool\" in
+  firmware) ln -sf \"$FIRMWARE_TOOL\" \"$folder/tools/firmware\" ;;
+  schedule) ln -sf \"$0-proof\" \"$folder/tools/schedule\" ;;
+  *) cp \"$FALSE_ELF\" \"$folder/$target/release/leadscrew\" ;;
+esac
+";
+
+/// A proof that gives each firmware the same rate.
+const PROOF: &str = "#!/bin/sh
+echo 30000
+";
+
+/// The bytes of the vectors, by their section.
+const VECTOR_BYTES: u32 = 0x80;
+/// Where, in the program, the words of its CRC are.
+const CHECK_OFFSET: u32 = 0x80;
+
+/// An ELF file with one segment of a program that begins with two vectors: its address, and its bytes. Sections of the
+/// vectors and of symbols tell the place of the CRC.
+pub(crate) fn elf(folder: &Path, address: u32, stack: u32, bytes: u32) -> PathBuf {
+    const PROGRAM_AT: u32 = 84;
+    const NAMES: &[u8] = b"\0.vector_table\0.text\0IMAGE_CHECK\0\0\0\0";
+    let names_at = PROGRAM_AT + bytes;
+    let symbols_at = names_at + NAMES.len() as u32;
+    let sections_at = symbols_at + 32;
+    let check = address + CHECK_OFFSET;
+    let header = [
+        0x0028_0002,
+        1,
+        0,
+        52,
+        sections_at,
+        0,
+        0x0020_0034,
+        0x0028_0001,
+        0x0003_0005,
+    ];
+    let segment = [1, PROGRAM_AT, address, address, bytes, bytes, 7, 4];
+    let vectors = [stack, address + 9];
+    let mut file = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec();
+    let words = |file: &mut Vec<u8>, words: &[u32]| {
+        file.extend(words.iter().flat_map(|word| word.to_le_bytes()));
+    };
+    words(&mut file, &header);
+    words(&mut file, &segment);
+    words(&mut file, &vectors);
+    file.resize((PROGRAM_AT + CHECK_OFFSET) as usize, 0xbf);
+    file.extend(b"CRC?");
+    file.resize(names_at as usize, 0xbf);
+    file.extend(NAMES);
+    // None, and an object in the second section.
+    words(&mut file, &[0, 0, 0, 0, 21, check, 8, 0x0002_0011]);
+    let text = [PROGRAM_AT + CHECK_OFFSET, bytes - CHECK_OFFSET];
+    for section in [
+        [0; 10],
+        [1, 1, 2, address, PROGRAM_AT, VECTOR_BYTES, 0, 0, 4, 0],
+        [15, 1, 2, check, text[0], text[1], 0, 0, 4, 0],
+        [0, 3, 0, 0, names_at, NAMES.len() as u32, 0, 0, 1, 0],
+        [0, 2, 0, 0, symbols_at, 32, 3, 1, 4, 16],
+    ] {
+        words(&mut file, &section);
+    }
+    let path = folder.join("false.elf");
+    fs::write(&path, file).expect("the folder is writable");
+    path
+}
+
+/// A program that is a script. Another process writes it: one that is open for writing cannot be started, and a test
+/// beside this one may be starting something, with all that is open.
+pub(crate) fn program(folder: &Path, name: &str, script: &str) -> PathBuf {
+    let (text, path) = (folder.join("script"), folder.join(name));
+    fs::write(&text, script).expect("the folder is writable");
+    let mut install = Command::new("install");
+    let status = install.args(["-m", "755"]).arg(text).arg(&path).status();
+    assert!(
+        status.is_ok_and(|status| status.success()),
+        "{}",
+        path.display()
+    );
+    path
+}
+
+/// An empty folder below that of build results.
+pub(crate) fn folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).expect("the target folder is writable");
+    folder
+}
+
+/// Runs the tool with this Cargo, and with the programs of a folder before all others.
+pub(crate) fn tool(folder: &Path, elf: &Path, arguments: &[&str]) -> Output {
+    let tool = env!("CARGO_BIN_EXE_firmware");
+    let path = env::var_os("PATH").unwrap_or_default();
+    let folders = [folder.to_owned()]
+        .into_iter()
+        .chain(env::split_paths(&path));
+    let path = env::join_paths(folders).expect("the folder's name has no colon");
+    program(folder, "cargo-proof", PROOF);
+    let mut command = Command::new(tool);
+    command.args(arguments).env("PATH", path);
+    command.env("CARGO", program(folder, "cargo", CARGO));
+    command.env("CARGO_TARGET_DIR", folder);
+    command.env("FALSE_ELF", elf).env("FIRMWARE_TOOL", tool);
+    command.output().expect("the tool has been built")
+}
