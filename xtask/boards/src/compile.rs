@@ -1,7 +1,7 @@
 //! The firmware as Cargo builds it, of which nothing is proven: an ELF file for each board.
 
 use std::{
-    fs,
+    fs::{self, File},
     path::{Path, PathBuf},
     process,
     sync::atomic::{AtomicU32, Ordering},
@@ -39,6 +39,11 @@ pub fn image(board: &Board, options: &[&str]) -> Result<Vec<u8>> {
 /// The same, with what Cargo builds in a folder.
 pub fn image_in(target: &Path, board: &Board, options: &[&str]) -> Result<Vec<u8>> {
     cargo::need_target()?;
+    // Cargo gives every board's program the same name: nobody else may build until it has been read.
+    let path = target.join("firmware.lock");
+    let lock = fs::create_dir_all(target).and_then(|()| File::create(&path));
+    let lock = lock.and_then(|lock| lock.lock().map(|()| lock));
+    let _lock = lock.with_context(|| format!("cannot lock {}", path.display()))?;
     let mut command = cargo::cargo(&["build", "--release", "--bin", "leadscrew"]);
     board.compile_into(target, &mut command);
     cargo::wait(command.args(options))?;
