@@ -41,6 +41,14 @@ fn a_firmware_in_the_wrong_place_is_refused_by_build_and_size() {
             0x100,
             "the stack begins at 0x20030000, which is not in the RAM of the STM32F407VG",
         ),
+        (
+            "board",
+            "btt-skr-pro-1.2",
+            0x0800_8000,
+            RAM_END,
+            0x100,
+            "it was built for another board, or for another number of axes",
+        ),
     ] {
         let folder = folder(name);
         let elf = elf(&folder, address, stack, bytes);

@@ -20,7 +20,7 @@ mkdir -p \"$folder/tools\" \"$folder/$target/release\"
 case \"$tool\" in
   firmware) ln -sf \"$FIRMWARE_TOOL\" \"$folder/tools/firmware\" ;;
   schedule) ln -sf \"$0-proof\" \"$folder/tools/schedule\" ;;
-  *) cp \"$FALSE_ELF\" \"$folder/$target/release/leadscrew\" ;;
+  *) cp \"$FALSE_ELF-${LEADSCREW_AXES:-3}\" \"$folder/$target/release/leadscrew\" ;;
 esac
 ";
 
@@ -34,54 +34,90 @@ const VECTOR_BYTES: u32 = 0x80;
 /// Where, in the program, the words of its CRC are.
 const CHECK_OFFSET: u32 = 0x80;
 
-/// An ELF file with one segment of a program that begins with two vectors: its address, and its bytes. Sections of the
-/// vectors and of symbols tell the place of the CRC.
+/// The board that such firmware is for.
+pub(crate) const BOARD: &str = "btt-skr-2";
+
+/// Writes ELF files with one segment of a program that begins with two vectors: its address, and its bytes; one for each
+/// number of axes of [`BOARD`].
 pub(crate) fn elf(folder: &Path, address: u32, stack: u32, bytes: u32) -> PathBuf {
+    let path = folder.join("false.elf");
+    let board = boards::named(BOARD).expect("the project has the board");
+    for axes in 3..=board.most_axes() {
+        let fingerprint = board_data::fingerprint(&board, axes);
+        let file = elf_of(fingerprint, address, stack, bytes);
+        let path = format!("{}-{axes}", path.display());
+        fs::write(path, file).expect("the folder is writable");
+    }
+    path
+}
+
+/// The same for a board's fingerprint. All of the program counts as its vectors; a section and symbols tell the place of
+/// the CRC.
+fn elf_of(fingerprint: u32, address: u32, stack: u32, bytes: u32) -> Vec<u8> {
     const PROGRAM_AT: u32 = 84;
-    const NAMES: &[u8] = b"\0.vector_table\0.text\0IMAGE_CHECK\0\0\0\0";
+    const ABSOLUTE: u32 = 0xfff1;
+    let symbols = [
+        ("IMAGE_CHECK", address + CHECK_OFFSET, 2),
+        ("_board_fingerprint", fingerprint, ABSOLUTE),
+        ("__vector_table", address, ABSOLUTE),
+        ("_vectors_end", address + bytes, ABSOLUTE),
+    ];
+    let empty = [
+        "__stext",
+        "__etext",
+        "__srodata",
+        "__erodata",
+        "__sidata",
+        "__sdata",
+        "__edata",
+    ];
+    let symbols = (symbols.into_iter()).chain(empty.map(|name| (name, 0, ABSOLUTE)));
+    let mut names = b"\0.vector_table\0.text\0".to_vec();
+    let mut table = vec![0; 4];
+    for (name, value, section) in symbols {
+        table.extend([names.len() as u32, value, 8, section << 16 | 0x11]);
+        names.extend(name.bytes().chain([0]));
+    }
+    names.resize(names.len().next_multiple_of(4), 0);
     let names_at = PROGRAM_AT + bytes;
-    let symbols_at = names_at + NAMES.len() as u32;
-    let sections_at = symbols_at + 32;
-    let check = address + CHECK_OFFSET;
+    let table_at = names_at + names.len() as u32;
+    let table_bytes = 4 * table.len() as u32;
     let header = [
         0x0028_0002,
         1,
         0,
         52,
-        sections_at,
+        table_at + table_bytes,
         0,
         0x0020_0034,
         0x0028_0001,
         0x0003_0005,
     ];
     let segment = [1, PROGRAM_AT, address, address, bytes, bytes, 7, 4];
-    let vectors = [stack, address + 9];
     let mut file = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec();
     let words = |file: &mut Vec<u8>, words: &[u32]| {
         file.extend(words.iter().flat_map(|word| word.to_le_bytes()));
     };
     words(&mut file, &header);
     words(&mut file, &segment);
-    words(&mut file, &vectors);
+    words(&mut file, &[stack, address + 9]);
     file.resize((PROGRAM_AT + CHECK_OFFSET) as usize, 0xbf);
     file.extend(b"CRC?");
     file.resize(names_at as usize, 0xbf);
-    file.extend(NAMES);
-    // None, and an object in the second section.
-    words(&mut file, &[0, 0, 0, 0, 21, check, 8, 0x0002_0011]);
+    file.extend(&names);
+    words(&mut file, &table);
+    let check = address + CHECK_OFFSET;
     let text = [PROGRAM_AT + CHECK_OFFSET, bytes - CHECK_OFFSET];
     for section in [
         [0; 10],
         [1, 1, 2, address, PROGRAM_AT, VECTOR_BYTES, 0, 0, 4, 0],
         [15, 1, 2, check, text[0], text[1], 0, 0, 4, 0],
-        [0, 3, 0, 0, names_at, NAMES.len() as u32, 0, 0, 1, 0],
-        [0, 2, 0, 0, symbols_at, 32, 3, 1, 4, 16],
+        [0, 3, 0, 0, names_at, names.len() as u32, 0, 0, 1, 0],
+        [0, 2, 0, 0, table_at, table_bytes, 3, 1, 4, 16],
     ] {
         words(&mut file, &section);
     }
-    let path = folder.join("false.elf");
-    fs::write(&path, file).expect("the folder is writable");
-    path
+    file
 }
 
 /// A program that is a script. Another process writes it: one that is open for writing cannot be started, and a test
