@@ -51,10 +51,9 @@ pub(crate) fn elf(folder: &Path, address: u32, stack: u32, bytes: u32) -> PathBu
     path
 }
 
-/// The same for a board's fingerprint. All of the program counts as its vectors; a section and symbols tell the place of
-/// the CRC.
-fn elf_of(fingerprint: u32, address: u32, stack: u32, bytes: u32) -> Vec<u8> {
-    const PROGRAM_AT: u32 = 84;
+/// Names of sections and symbols, and the table of symbols, as an ELF file has them. All of the program counts as its
+/// vectors.
+fn symbols(fingerprint: u32, address: u32, bytes: u32) -> (Vec<u8>, Vec<u32>) {
     const ABSOLUTE: u32 = 0xfff1;
     let symbols = [
         ("IMAGE_CHECK", address + CHECK_OFFSET, 2),
@@ -71,14 +70,21 @@ fn elf_of(fingerprint: u32, address: u32, stack: u32, bytes: u32) -> Vec<u8> {
         "__sdata",
         "__edata",
     ];
-    let symbols = (symbols.into_iter()).chain(empty.map(|name| (name, 0, ABSOLUTE)));
     let mut names = b"\0.vector_table\0.text\0".to_vec();
     let mut table = vec![0; 4];
-    for (name, value, section) in symbols {
+    for (name, value, section) in (symbols.into_iter()).chain(empty.map(|name| (name, 0, ABSOLUTE)))
+    {
         table.extend([names.len() as u32, value, 8, section << 16 | 0x11]);
         names.extend(name.bytes().chain([0]));
     }
     names.resize(names.len().next_multiple_of(4), 0);
+    (names, table)
+}
+
+/// The same for a board's fingerprint. A section and symbols tell the place of the CRC.
+fn elf_of(fingerprint: u32, address: u32, stack: u32, bytes: u32) -> Vec<u8> {
+    const PROGRAM_AT: u32 = 84;
+    let (names, table) = symbols(fingerprint, address, bytes);
     let names_at = PROGRAM_AT + bytes;
     let table_at = names_at + names.len() as u32;
     let table_bytes = 4 * table.len() as u32;
