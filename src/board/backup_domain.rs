@@ -1,6 +1,9 @@
 //! The backup domain: it outlives every reset, and has a say in pins PC13 to PC15. RM0090 5.1.2, 7.3.20.
 
-use super::pac::{PWR, RCC};
+use super::{
+    pac::{PWR, RCC},
+    watchdog,
+};
 
 /// Reads of a bit before it counts as stuck: many more than a write takes.
 const MAX_READS: u32 = 1000;
@@ -15,7 +18,7 @@ pub(super) fn release_pins(rcc: &RCC, power: &PWR) {
     }
     power.cr().modify(|_, w| w.dbp().set_bit());
     // The buses of both registers are of different speed.
-    let _ = (0..MAX_READS).any(|_| power.cr().read().dbp().bit_is_set());
+    let _ = watchdog::await_flag(MAX_READS, || power.cr().read().dbp().bit_is_set());
     rcc.bdcr().modify(|_, w| w.bdrst().set_bit());
     // SAFETY: zero is the value after a reset.
     rcc.bdcr().write(|w| unsafe { w.bits(0) });

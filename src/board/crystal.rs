@@ -36,7 +36,8 @@ pub(super) fn start(rcc: &mut Rcc) -> Result<(), SelfTestFault> {
     rcc.cr()
         .modify(|_, w| w.hsebyp().bit(WIRING.is_crystal_bypassed));
     rcc.cr().modify(|_, w| w.hseon().set_bit());
-    let found = if (0..CRYSTAL_READS).any(|_| is_ready(rcc)) {
+    let is_ready = || rcc.cr().read().hserdy().bit_is_set();
+    let found = if watchdog::await_flag(CRYSTAL_READS, is_ready) {
         check(frequency_khz(rcc))
     } else {
         Err(SelfTestFault::NoCrystal)
@@ -50,11 +51,6 @@ pub(super) fn start(rcc: &mut Rcc) -> Result<(), SelfTestFault> {
             .modify(|_, w| w.hseon().clear_bit().hsebyp().clear_bit());
     }
     found
-}
-
-fn is_ready(rcc: &Rcc) -> bool {
-    watchdog::feed();
-    rcc.cr().read().hserdy().bit_is_set()
 }
 
 /// Compares what was measured with the board's file. What could not be measured is taken for right: the crystal
@@ -95,12 +91,9 @@ fn frequency_khz(rcc: &mut Rcc) -> Option<u32> {
 /// Returns the counts between the first capture and the last.
 fn counts(timer: &pac::tim11::RegisterBlock) -> Option<u16> {
     let capture = || {
-        watchdog::feed();
-        let is_taken = |_| timer.sr().read().cc1if().bit_is_set();
+        let is_taken = || timer.sr().read().cc1if().bit_is_set();
         // The read of the capture clears its flag.
-        (0..CAPTURE_READS)
-            .any(is_taken)
-            .then(|| timer.ccr1().read().ccr().bits())
+        watchdog::await_flag(CAPTURE_READS, is_taken).then(|| timer.ccr1().read().ccr().bits())
     };
     let first = capture()?;
     let mut last = first;

@@ -33,10 +33,7 @@ pub(super) fn watch(pwr: &pac::PWR, rcc: &mut Rcc, nvic: &mut NVIC) {
         .modify(|_, w| w.pls().set(PVD_THRESHOLD).pvde().set_bit());
     watchdog::pause(PVD_SETTLING_CYCLES);
     vectors::unmask(nvic, &[Interrupt::PVD], PRIORITY);
-    let _ = (0..MAX_PVD_READS).any(|_| {
-        watchdog::feed();
-        !is_low()
-    });
+    let _ = watchdog::await_flag(MAX_PVD_READS, || !is_low());
 }
 
 /// Has the machine stop, as soon as interrupts are on, if the supply has fallen before the line was unmasked: the

@@ -3,7 +3,7 @@
 //! `idle` feeds it: it runs only when every task that was released has come to its end. So `idle`, `interpret`,
 //! `prepare` and all above them must come round. What takes long by itself, the erasing and programming of
 //! flash, feeds it in its loops. Once started, nothing but a reset stops it. It is the first that is started, so that
-//! a chip whose clocks cannot be set up is reset again and again, with its outputs off. RM0090 21.3, 21.4.
+//! a chip whose clocks cannot be set up is reset again and again, and moves nothing. RM0090 21.3, 21.4.
 //!
 //! `interpret` has work as long as lines wait. It does one run at a time, and waits for `idle` in between
 //! (`release.rs`): so no number of lines is taken for a task that hangs. The longest run is that of an arc in whole
@@ -34,21 +34,29 @@ pub(super) fn start(watchdog: &pac::IWDG, debug: &pac::DBGMCU) {
 /// Sets the period. A bootloader that has changed it without a slow clock that runs, as the chip's own, leaves a change that
 /// has not ended, in which the registers take nothing: RM0090 21.4.4.
 pub(super) fn set_period(watchdog: &pac::IWDG) {
-    let is_stuck = |_| {
-        feed();
-        watchdog.sr().read().bits() != 0
-    };
+    let is_settled = || watchdog.sr().read().bits() == 0;
     for _ in 0..2 {
-        let _ = (0..MAX_STATUS_READS).all(is_stuck);
+        let _ = await_flag(MAX_STATUS_READS, is_settled);
         watchdog.kr().write(|w| w.key().unlock());
         watchdog.pr().write(|w| w.pr().set(0));
         watchdog.rlr().write(|w| w.rl().set(RELOAD));
-        let _ = (0..MAX_STATUS_READS).all(is_stuck);
+        let _ = await_flag(MAX_STATUS_READS, is_settled);
         if watchdog.pr().read().pr().bits() == 0 && watchdog.rlr().read().rl().bits() == RELOAD {
             break;
         }
     }
     feed();
+}
+
+/// Returns whether a flag comes within a number of reads, of 8 cycles at least, and feeds the watchdog meanwhile.
+#[inline(never)]
+pub(super) fn await_flag(max_reads: u32, is_set: impl Fn() -> bool) -> bool {
+    (0..max_reads).any(|_| {
+        feed();
+        // Keeps several reads from becoming one block of conditional ones, which emulators of the core get wrong.
+        cortex_m::asm::nop();
+        is_set()
+    })
 }
 
 /// Lets cycles of the core pass, and feeds the watchdog meanwhile.

@@ -150,6 +150,7 @@ fn states(crystal_mhz: u32, chip: &Chip, axes: u8) -> Vec<State> {
             "the chip in its place",
             format!("--chip {:#x}", chip.in_its_place),
         ),
+        ("a chip that says nothing", "--chip 0".into()),
         ("a damaged image", "--damaged --refuses".into()),
         ("another crystal", format!("--hse {other_mhz}")),
     ]
@@ -265,7 +266,7 @@ mod tests {
             let states = states(8, &chip("f405").unwrap(), axes);
             states.into_iter().map(|(name, _)| name).collect()
         };
-        assert_eq!(names(3).len(), 13);
+        assert_eq!(names(3).len(), 14);
         for axes in 4..=6 {
             assert_eq!(names(axes), ["a reset", "all of these"]);
         }
