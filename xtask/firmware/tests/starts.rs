@@ -58,7 +58,7 @@ fn a_firmware_starts_from_every_state_or_is_refused_with_the_fault_and_the_state
     let output = run(&folder, BYTES, NOTHING_ELSE, &["start", BOARD]);
     assert_eq!(lines(&output.stdout), [STARTS]);
     assert!(output.status.success());
-    assert_eq!(asked(&folder, "rehearse.py"), 13);
+    assert_eq!(asked(&folder, "rehearse.py"), 14);
     let faulty = ["*--prigroup' '3*", "echo VTOR is 0x0; exit 1"];
     // The environment has the other Python in it.
     fs::remove_dir_all(folder.join("boot")).expect("it has been made");
