@@ -62,10 +62,8 @@ impl Observer for Follower {
     fn finish(&mut self) -> Result<String, String> {
         // It is not kept: it cannot move to QEMU's processor thread.
         let image = Image::load(&self.elf).map_err(|error| error.to_string())?;
-        let frames = |address| {
-            let frames = image.frames(address);
-            frames.iter().map(ToString::to_string).collect()
-        };
+        // As the report names it, also where there is no line of source.
+        let frames = |address| image.place(address).frames;
         let summary = self.checker.summary(frames);
         serde_json::to_string_pretty(&summary).map_err(|error| error.to_string())
     }
