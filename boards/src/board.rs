@@ -61,12 +61,12 @@ pub struct Board {
     /// What is printed beside pins on the board.
     pub labels: BTreeMap<Pin, String>,
     /// What differs with three axes, four and so on.
-    machines: Vec<Machine>,
+    variants: Vec<Variant>,
 }
 
 /// A board with one number of axes.
 #[derive(Debug, Clone)]
-struct Machine {
+struct Variant {
     wiring: Wiring,
     memory: MemoryLayout,
 }
@@ -114,11 +114,11 @@ impl Board {
         if let Some(entry) = &qemu {
             refuse_unemulated(entry, &wirings)?;
         }
-        let machines = wirings.into_iter().map(|wiring| {
+        let variants = wirings.into_iter().map(|wiring| {
             let memory = bootloader.memory(chip, part, &wiring)?;
-            Ok(Machine { wiring, memory })
+            Ok(Variant { wiring, memory })
         });
-        let machines = machines.collect::<Result<_, Fault>>()?;
+        let variants = variants.collect::<Result<_, Fault>>()?;
         let others = ["name", "bootloader.kib", "bootloader.file"];
         entries.refuse_rest(&[&TOP[..], &others].concat())?;
         let text = |entry: Option<Entry>| {
@@ -148,37 +148,37 @@ impl Board {
             bootloader_kib: bootloader.kib,
             bootloader_file: bootloader.file,
             labels,
-            machines,
+            variants,
         })
     }
 
     /// Returns the most axes that the board has pins for.
     pub fn most_axes(&self) -> usize {
-        FEWEST_AXES + self.machines.len() - 1
+        FEWEST_AXES + self.variants.len() - 1
     }
 
     /// Returns the wiring with a number of axes.
     pub fn wiring(&self, axes: usize) -> Option<&Wiring> {
-        let machine = self.machines.get(axes.checked_sub(FEWEST_AXES)?)?;
-        Some(&machine.wiring)
+        let variant = self.variants.get(axes.checked_sub(FEWEST_AXES)?)?;
+        Some(&variant.wiring)
     }
 
     /// Returns where program and settings are with a number of axes, or with the nearest number that the board has
     /// pins for.
     pub fn memory(&self, axes: usize) -> MemoryLayout {
-        self.machine(axes).memory
+        self.variant(axes).memory
     }
 
     /// Returns whether motors are driven by phases, instead of by step and direction.
     pub fn has_phases(&self) -> bool {
-        let mut machines = self.machines.iter();
-        machines.any(|machine| !machine.wiring.phases.is_empty())
+        let mut variants = self.variants.iter();
+        variants.any(|variant| !variant.wiring.phases.is_empty())
     }
 
     /// Returns the features of the firmware that the board needs with a number of axes, or with the nearest number
     /// that it has pins for: those of its chip, its clock, its motors and its settings.
     pub fn features(&self, axes: usize) -> Vec<String> {
-        let wiring = &self.machine(axes).wiring;
+        let wiring = &self.variant(axes).wiring;
         let is_small = wiring.eeprom.is_some_and(|eeprom| eeprom.is_small);
         let special = [
             (!wiring.phases.is_empty(), PHASES),
@@ -194,8 +194,8 @@ impl Board {
             .collect()
     }
 
-    fn machine(&self, axes: usize) -> &Machine {
-        &self.machines[axes.clamp(FEWEST_AXES, self.most_axes()) - FEWEST_AXES]
+    fn variant(&self, axes: usize) -> &Variant {
+        &self.variants[axes.clamp(FEWEST_AXES, self.most_axes()) - FEWEST_AXES]
     }
 }
 

@@ -8,8 +8,8 @@ use super::{
 /// Reads of a bit before it counts as stuck: many more than a write takes.
 const MAX_READS: u32 = 1000;
 
-/// Resets the domain where another firmware has left the slow crystal or the clock of the day running: PC14 and PC15
-/// are the crystal's as long as it is on, and PC13 may be the clock's. The registers of the supply must have their clock.
+/// Resets the domain where another firmware has left the slow crystal or the real-time clock running: PC14 and PC15
+/// are the crystal's as long as it is on, and PC13 may be the real-time clock's. The registers of the supply must have their clock.
 #[expect(unsafe_code, reason = "a raw word for a register")]
 pub(super) fn release_pins(rcc: &RCC, power: &PWR) {
     let domain = rcc.bdcr().read();

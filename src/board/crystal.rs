@@ -3,7 +3,7 @@
 //! A board's file may name another crystal than the board has: boards of one maker have 8, 12 or 25 MHz. The PLL
 //! would then run at another frequency, or never be ready. TIM11 captures its count of the internal oscillator's
 //! periods at each 248th period of the crystal: RM0090 7.3.3 (RTCPRE), 19.5.11 (`TIM11_OR`); RM0383 14.5.11, RM0390 18.5.11.
-//! No manual says whether that input needs the clock of the day, which is made of the same divided crystal; where
+//! No manual says whether that input needs the real-time clock, which is made of the same divided crystal; where
 //! nothing comes from it, the board's file is taken for right.
 
 use leadscrew::model::SelfTestFault;
@@ -18,7 +18,7 @@ const CRYSTAL_READS: u32 = 200_000;
 const HSI_KHZ: u32 = 16_000;
 /// Periods of the crystal between two captures: RTCPRE, and the prescaler of the capture.
 const CRYSTAL_DIVIDER: u8 = 31;
-const PERIODS: u32 = CRYSTAL_DIVIDER as u32 * 8;
+const PERIODS_PER_CAPTURE: u32 = CRYSTAL_DIVIDER as u32 * 8;
 /// Captures over which the frequency is measured: 16 bits count them at 4 MHz, the slowest crystal.
 const CAPTURES: u32 = 16;
 /// Reads of the flag before a capture counts as missing: more than 10 ms, while one takes 62 µs at 4 MHz.
@@ -85,7 +85,7 @@ fn frequency_khz(rcc: &mut Rcc) -> Option<u32> {
     pac::TIM11::disable(rcc);
     // SAFETY: zero is the value after a reset.
     rcc.cfgr().modify(|_, w| unsafe { w.rtcpre().bits(0) });
-    (HSI_KHZ * PERIODS * CAPTURES).checked_div(counts?.into())
+    (HSI_KHZ * PERIODS_PER_CAPTURE * CAPTURES).checked_div(counts?.into())
 }
 
 /// Returns the counts between the first capture and the last.

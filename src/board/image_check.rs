@@ -10,7 +10,7 @@ const SEALED: u32 = u32::from_le_bytes(*b"CRC=");
 /// CRC-32 as in Ethernet and zip files.
 const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 /// Bytes between two times that the watchdog is fed: a few ms at the frequency of the internal oscillator.
-const PIECE_BYTES: usize = 4096;
+const CHUNK_BYTES: usize = 4096;
 
 /// The mark and the CRC of everything that is loaded but these two words. `xtask/boards/src/seal.rs` writes them.
 #[unsafe(no_mangle)]
@@ -50,7 +50,7 @@ fn compute(words: usize) -> u32 {
     let (_, after) = rest.split_at(size_of_val(&IMAGE_CHECK));
     let mut digest = CRC.digest();
     for section in [vectors, code, before, after, values] {
-        for piece in section.chunks(PIECE_BYTES) {
+        for piece in section.chunks(CHUNK_BYTES) {
             watchdog::feed();
             digest.update(piece);
         }
