@@ -2,7 +2,7 @@
 //!
 //! Each class of the analysis' cycle table is measured with the processor's cycle counter, as the
 //! difference between so many repetitions in a row and twice as many, from a warm cache, several
-//! times. The results go to RTT channel 0, one line each, as `xtask/target/src/calibrate.rs` reads them. An
+//! times. The results go to RTT channel 0, one line each, as `proof/target/src/calibrate.rs` reads them. An
 //! emulator has no cycle counter: then the program says so, there and by semihosting, and ends.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 

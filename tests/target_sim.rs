@@ -1,7 +1,7 @@
 //! The virtual machine on the chip's processor: `cargo xtask sim FILE --on-target`.
 //!
 //! Reads `program.nc` and `settings.txt` from the emulator's folder by semihosting and writes
-//! `figures.txt` there: one fact a line, as `xtask/target/src/on_target.rs` reads them. The same code, so
+//! `figures.txt` there: one fact a line, as `proof/target/src/on_target.rs` reads them. The same code, so
 //! the same figures and the same event hash as on the host, bit for bit.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 

@@ -13,6 +13,8 @@
 mod board;
 mod chip;
 mod entries;
+#[cfg(feature = "klipper")]
+mod klipper;
 mod memory;
 mod pin;
 mod rust;
@@ -23,6 +25,8 @@ mod wiring;
 pub use board::{Board, EEPROM, MOST_AXES, PHASES, SMALL_EEPROM};
 pub use chip::{Chip, Clocks, Part};
 pub use entries::{Fault, Place};
+#[cfg(feature = "klipper")]
+pub use klipper::board_file;
 pub use memory::{FlashSector, MemoryLayout};
 pub use pin::{Pin, Pull, SignedPin};
 pub use rust::{FINGERPRINT, fingerprint, rust};

@@ -12,7 +12,7 @@ const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 /// Bytes between two times that the watchdog is fed: a few ms at the frequency of the internal oscillator.
 const CHUNK_BYTES: usize = 4096;
 
-/// The mark and the CRC of everything that is loaded but these two words. `xtask/boards/src/seal.rs` writes them.
+/// The mark and the CRC of everything that is loaded but these two words. `xtask/firmware/src/boards/seal.rs` writes them.
 #[unsafe(no_mangle)]
 #[expect(unsafe_code, reason = "a symbol that a tool can find")]
 static IMAGE_CHECK: [u32; 2] = [UNSEALED, 0];

@@ -1,6 +1,6 @@
 //! The sender's USART: each byte that comes is compared with the one that should, and answered.
 //!
-//! Receiving and sending are the firmware's. `xtask/target/src/bring_up/exchange.rs` is the other side.
+//! Receiving and sending are the firmware's. `proof/target/src/bring_up/exchange.rs` is the other side.
 
 use core::{
     cell::UnsafeCell,

@@ -82,7 +82,7 @@ pub(crate) const VERBS: [Verb; 22] = [
     ),
     verb(
         "run",
-        tools::RUN,
+        tools::TARGET,
         "Run an ELF file on the emulated board and print its log",
     ),
     verb(
@@ -150,7 +150,7 @@ impl Verb {
         };
         self.check(&arguments)?;
         // A tool of several commands is told which.
-        let name = (self.name != tool.package).then(|| self.name.into());
+        let name = (self.name != tool.program).then(|| self.name.into());
         tools::become_tool(tool, name.into_iter().chain(arguments))
     }
 
@@ -321,30 +321,27 @@ impl<'a> Given<'a> {
 mod tests {
     use super::*;
 
-    /// The sources of a tool that has a command.
-    fn source(verb: &Verb) -> String {
-        let package = verb.tool.map_or("src", |tool| tool.package);
-        let folder = match package {
-            "src" => "xtask/src".to_owned(),
-            "schedule" => "xtask/schedule/src/bin/schedule".to_owned(),
-            other => format!("xtask/{other}/src"),
-        };
-        let files = fs::read_dir(cargo::root().join(folder)).unwrap();
-        let files = files.map(|file| file.unwrap().path());
-        let files = files.filter(|path| path.is_file());
-        files
-            .map(|path| fs::read_to_string(path).unwrap())
-            .collect()
+    /// The sources below a folder.
+    fn sources(folder: &Path) -> String {
+        let entries = fs::read_dir(folder).unwrap();
+        let paths = entries.map(|entry| entry.unwrap().path());
+        let texts = paths.map(|path| match path.extension() {
+            _ if path.is_dir() => sources(&path),
+            Some(extension) if extension == "rs" => fs::read_to_string(path).unwrap(),
+            _ => String::new(),
+        });
+        texts.collect()
     }
 
     #[test]
     fn each_line_of_the_help_is_the_first_of_a_commands_own() {
+        let folders = ["xtask", "proof", "tests"].map(|name| cargo::root().join(name));
+        let sources = folders.map(|folder| sources(&folder)).concat();
         for verb in &VERBS {
             let own = format!("\n/// {}\n///\n", verb.about);
             let short = format!("\n/// {}\n#[derive", verb.about);
-            let source = source(verb);
             assert!(
-                source.contains(&own) || source.contains(&short),
+                sources.contains(&own) || sources.contains(&short),
                 "{}",
                 verb.name
             );

@@ -11,8 +11,8 @@ use std::{
 
 use anstream::{print, println};
 use anyhow::{Context, Result, anyhow, bail};
-use boards::{Board, pins, rates};
 use common::{cargo, tools};
+use firmware::boards::{Board, pins, rates};
 use firmware::rehearsal;
 use owo_colors::OwoColorize;
 
@@ -59,14 +59,14 @@ pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
     match verb {
         Verb::Check(options) => check(options),
         Verb::Import(options) => {
-            print!("{}", klipper::board_file(&options.printer)?);
+            print!("{}", board_data::board_file(&options.printer)?);
             Ok(ExitCode::SUCCESS)
         }
     }
 }
 
 fn check(options: &Options) -> Result<ExitCode> {
-    let boards = boards::chosen(options.board.as_deref(), options.all)?;
+    let boards = firmware::boards::chosen(options.board.as_deref(), options.all)?;
     let mut is_right = true;
     for board in &boards {
         show(board);
@@ -255,7 +255,9 @@ mod tests {
             ("flexi-hal", Some("PC15: ")),
             ("netduino-plus-2", None),
         ] {
-            let board = boards::chosen(Some(name), false).unwrap().remove(0);
+            let board = firmware::boards::chosen(Some(name), false)
+                .unwrap()
+                .remove(0);
             let warning = weak_outputs(&board);
             assert_eq!(warning.is_some(), pins.is_some(), "{name}");
             let begins = |text: &String| text.starts_with(pins.unwrap_or_default());

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::boards::{Board, compile, image::segments, layout};
 use anyhow::{Context, Result};
-use boards::{Board, compile, image::segments, layout};
 
 /// The value of flash that nothing is written to.
 const ERASED: u8 = 0xff;

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use crate::boards::{compile, image::PatchedWords, seal};
 use anyhow::{Context, Result};
-use boards::{compile, image::PatchedWords, seal};
 
 /// The mark and the rate, Hz.
 const PROVEN: PatchedWords = PatchedWords {

@@ -7,6 +7,7 @@
     reason = "a library of the tools beside it: errors are sentences, which the user is shown"
 )]
 
+pub mod boards;
 pub mod card;
 pub mod image;
 pub mod rehearsal;
@@ -17,11 +18,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, Result};
-use boards::{
+use crate::boards::{
     Board,
     compile::{self, copy_beside, place, replace},
 };
+use anyhow::{Context, Result};
 use common::{BAUD, text::separated, tools, ui};
 
 /// Builds the firmware for `board`, proves it, and returns its ELF file with what is proven in it.

@@ -6,9 +6,9 @@ mod size;
 use std::{path::PathBuf, process::ExitCode};
 
 use anyhow::{Result, ensure};
-use boards::{compile, layout};
 use clap::Parser;
 use common::{cargo, ui};
+use firmware::boards::{compile, layout};
 use firmware::{card, rehearsal};
 
 /// Builds the firmware and shows its size.
@@ -79,7 +79,7 @@ struct Options {
 }
 
 fn run(options: &Options) -> Result<ExitCode> {
-    for board in boards::chosen(options.board.as_deref(), options.all)? {
+    for board in firmware::boards::chosen(options.board.as_deref(), options.all)? {
         let elf = if options.unproven {
             compile::firmware(&board)?
         } else {
@@ -96,7 +96,7 @@ fn run(options: &Options) -> Result<ExitCode> {
 
 /// Prints a line for each board.
 fn list() -> Result<ExitCode> {
-    for board in boards::all()? {
+    for board in firmware::boards::all()? {
         let emulated = board.qemu.as_ref().map_or("", |_| " emulated");
         println!(
             "{} {}{emulated}",
@@ -109,7 +109,7 @@ fn list() -> Result<ExitCode> {
 
 /// Builds what a board has beside the firmware, and that.
 fn every_firmware(board: &str) -> Result<ExitCode> {
-    let board = boards::named(board)?;
+    let board = firmware::boards::named(board)?;
     firmware::traced(&board)?;
     firmware::firmware(&board)?;
     Ok(ExitCode::SUCCESS)
@@ -117,7 +117,7 @@ fn every_firmware(board: &str) -> Result<ExitCode> {
 
 /// What is flashed: the room that it leaves, and its start on a model of the chip.
 fn start(board: &str, into: Option<PathBuf>, unstarted: Option<String>) -> Result<ExitCode> {
-    let board = boards::named(board)?;
+    let board = firmware::boards::named(board)?;
     let image = compile::image_in(&into.unwrap_or_else(cargo::target_dir), &board, &[])?;
     let free = layout::check(&board, &image)?.free();
     let kib = format!("{:.1} KiB of flash are free", f64::from(free) / 1024.0);
@@ -143,7 +143,7 @@ fn start(board: &str, into: Option<PathBuf>, unstarted: Option<String>) -> Resul
 /// The firmware in QEMU, driven as a sender drives it.
 fn over_serial() -> Result<ExitCode> {
     cargo::need_qemu()?;
-    let (board, _) = boards::emulated()?;
+    let (board, _) = firmware::boards::emulated()?;
     let elf = firmware::firmware(&board)?;
     let step_rate = firmware::image::read(&elf)?;
     let mut command = cargo::cargo(&["test", "--test", "firmware"]);

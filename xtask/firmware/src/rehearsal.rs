@@ -8,8 +8,8 @@ use std::{
     process::{Command, Output, Stdio},
 };
 
+use crate::boards::{Board, compile};
 use anyhow::{Context, Result, bail, ensure};
-use boards::{Board, compile};
 use common::{cargo, install};
 use object::{Object, ObjectSection};
 
@@ -237,7 +237,7 @@ mod tests {
 
     #[test]
     fn every_chip_and_its_backup_domain_are_known() {
-        for board in boards::all().unwrap() {
+        for board in crate::boards::all().unwrap() {
             let chip = chip(&board.chip.hal).unwrap();
             assert!(chip.own != chip.other && chip.in_its_place != chip.other);
         }
@@ -246,9 +246,9 @@ mod tests {
     #[test]
     fn the_model_is_told_of_pins_that_lse_would_keep() {
         let mut told = Vec::new();
-        for board in boards::all().unwrap() {
+        for board in crate::boards::all().unwrap() {
             // The column of three axes.
-            let table = boards::pins::table(&board).unwrap();
+            let table = crate::boards::pins::table(&board).unwrap();
             let mut cells = table.lines().filter_map(|line| line.split('|').nth(2));
             let uses =
                 cells.any(|cell| ["PC13", "PC14", "PC15"].iter().any(|it| cell.contains(it)));

@@ -8,7 +8,7 @@ use object::{Object, ObjectSection, SectionFlags, elf};
 use owo_colors::OwoColorize;
 
 use board_data::MemoryLayout;
-use boards::{compile, layout};
+use firmware::boards::{compile, layout};
 
 /// Build the firmware and show how much flash and RAM it takes
 ///
@@ -26,7 +26,7 @@ pub(crate) struct Options {
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let mut rows = Vec::new();
-    for board in boards::chosen(options.board.as_deref(), options.all)? {
+    for board in firmware::boards::chosen(options.board.as_deref(), options.all)? {
         let image = compile::image(&board, &[])?;
         let flash = layout::check(&board, &image)?;
         let ram = static_ram(&image, &board.chosen_memory())?;

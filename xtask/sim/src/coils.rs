@@ -6,11 +6,11 @@ use std::{
 };
 
 use anyhow::{Context, Result};
-use host::output::Output;
 use leadscrew::{
     axis::{AXES, Axes, LETTERS},
     stepper::COILS,
 };
+use simulation::output::Output;
 
 use crate::trace::nanoseconds;
 

@@ -4,7 +4,6 @@ use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, bail, ensure};
 use common::text::row;
-use host::machine::SwitchPositions;
 use leadscrew::{
     axis::{LETTERS, LINEAR, Y},
     model::Levels,
@@ -12,6 +11,7 @@ use leadscrew::{
     sim::{Closes, Simulator, Switch},
 };
 use serde::Serialize;
+use simulation::machine::SwitchPositions;
 
 use crate::steps_per_mm;
 

@@ -32,7 +32,8 @@ use common::{
     text::{self, separated},
     tools, ui,
 };
-use host::{
+use leadscrew::{axis::AXES, settings::Settings, sim::Simulator};
+use simulation::{
     figures::Figures,
     interrupt,
     lock::Lock,
@@ -41,7 +42,6 @@ use host::{
     program::Program,
     session, settings, summary,
 };
-use leadscrew::{axis::AXES, settings::Settings, sim::Simulator};
 
 use gantry::{SecondMotor, Sides};
 use power_up::PowerUp;

@@ -2,15 +2,15 @@
 
 use std::collections::VecDeque;
 
-use host::{
-    holes::{Hole, Holes, holes_of_line},
-    program_reader::ProgramReader,
-};
 use leadscrew::{
     axis::Axes,
     gcode::MotionMode,
     model::{Command, Cutter, FeedRate},
     units::Nm,
+};
+use simulation::{
+    holes::{Hole, Holes, holes_of_line},
+    program_reader::ProgramReader,
 };
 
 use crate::contour::{Contour, Stretch};

@@ -5,9 +5,9 @@ mod path;
 mod strip;
 
 use anyhow::Result;
-use chart::{Area, DASHED, Drawn, HEAD, PX, SPEED, WIDTH, draw_head, render};
 use leadscrew::axis::{AXES, LETTERS, LINEAR};
 use plotters::prelude::*;
+use simulation::chart::{Area, DASHED, Drawn, HEAD, PX, SPEED, WIDTH, draw_head, render};
 
 use crate::{
     marks::Marks,

@@ -7,12 +7,12 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use host::{machine::SwitchPositions, output::Output, play, proven, settings::Loaded};
 use leadscrew::{
     gcode::LineError,
     model::State,
     sim::{Flash, Simulator},
 };
+use simulation::{machine::SwitchPositions, output::Output, play, proven, settings::Loaded};
 
 use crate::{
     gantry::{self, SecondMotor},

@@ -20,12 +20,12 @@ mod tests;
 
 use std::{array, collections::VecDeque};
 
-use host::program_reader::ProgramReader;
 use leadscrew::{
     axis::AXES, model::timing::EVENT_SPACING_TICKS, settings::Settings, sim::Edge,
     units::TICKS_PER_SECOND,
 };
 use serde::Serialize;
+use simulation::program_reader::ProgramReader;
 
 use axis::Track;
 use corners::Corners;

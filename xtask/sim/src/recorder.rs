@@ -4,15 +4,15 @@ use std::{io::Write as _, os::unix::net::UnixStream};
 
 use anyhow::Result;
 use common::text::{duration, separated};
-use host::{
-    figures::Figures, interrupt, output::Output, play::Recorder, program_reader::ProgramReader,
-};
 use leadscrew::{
     protocol::Session,
     settings::Settings,
     sim::{Edge, Simulator, StepStatistics},
 };
 use serde::Serialize;
+use simulation::{
+    figures::Figures, interrupt, output::Output, play::Recorder, program_reader::ProgramReader,
+};
 
 use crate::{
     Options,

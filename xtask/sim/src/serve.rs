@@ -12,15 +12,15 @@ use std::{
 };
 
 use anyhow::{Context, Result};
-use host::{
-    figures::Figures,
-    machine::Machine,
-    play::{Recorder, Replies},
-};
 use leadscrew::sim::{Simulator, StepStatistics};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     io::Errno,
+};
+use simulation::{
+    figures::Figures,
+    machine::Machine,
+    play::{Recorder, Replies},
 };
 
 use crate::power_up;

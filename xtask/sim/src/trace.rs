@@ -6,11 +6,11 @@ use std::{
 };
 
 use anyhow::{Context, Result};
-use host::output::Output;
 use leadscrew::{
     axis::{AXES, LETTERS},
     units::TICKS_PER_SECOND,
 };
+use simulation::output::Output;
 
 /// One event that steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

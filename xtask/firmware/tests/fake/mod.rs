@@ -41,7 +41,7 @@ pub(crate) const BOARD: &str = "btt-skr-2";
 /// number of axes of [`BOARD`].
 pub(crate) fn elf(folder: &Path, address: u32, stack: u32, bytes: u32) -> PathBuf {
     let path = folder.join("false.elf");
-    let board = boards::named(BOARD).expect("the project has the board");
+    let board = firmware::boards::named(BOARD).expect("the project has the board");
     for axes in 3..=board.most_axes() {
         let fingerprint = board_data::fingerprint(&board, axes);
         let file = elf_of(fingerprint, address, stack, bytes);

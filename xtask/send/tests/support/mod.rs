@@ -17,11 +17,11 @@ use std::{
 };
 
 use common::tools;
-use host::pty::Pty;
 use rustix::{
     event::{PollFd, PollFlags, poll},
     process::{Pid, Signal},
 };
+use simulation::pty::Pty;
 use tempfile::TempDir;
 
 /// How long a command may be silent before it counts as stuck.

@@ -3,10 +3,10 @@
 
 use std::collections::HashSet;
 
-use chart::{Area, Chart, Drawn, PX, font, stroke};
-use host::holes::{Hole, Holes};
 use leadscrew::model::Plane;
 use plotters::prelude::*;
+use simulation::chart::{Area, Chart, Drawn, PX, font, stroke};
+use simulation::holes::{Hole, Holes};
 
 use crate::{contour::Stretch, marks::Marks};
 

@@ -2,12 +2,12 @@
 
 use std::{collections::HashSet, ops::Range};
 
-use chart::{
+use leadscrew::axis::{LETTERS, LINEAR, X, Y, Z};
+use plotters::prelude::*;
+use simulation::chart::{
     Area, Chart, DASHED, Drawn, FAINT_INK, INK, LABELS_BELOW, LABELS_LEFT, MARGIN, PX, chart, font,
     pixels, simplified, stroke, widened,
 };
-use leadscrew::axis::{LETTERS, LINEAR, X, Y, Z};
-use plotters::prelude::*;
 
 use super::{PATH_WIDTH, marks};
 use crate::{

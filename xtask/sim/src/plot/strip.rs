@@ -3,16 +3,16 @@
 
 use std::ops::Range;
 
-use chart::{
+use plotters::prelude::*;
+use simulation::chart::{
     Area, Chart, DASHED, Drawn, FAINT_INK, INK, LABELS_LEFT, MARGIN, PX, chart, font, pixels,
     simplified, stroke,
 };
-use plotters::prelude::*;
 
 use crate::series::Series;
 
 /// Height of the times below the last strip.
-pub(super) const TIMES: i32 = chart::LABELS_BELOW;
+pub(super) const TIMES: i32 = simulation::chart::LABELS_BELOW;
 /// What is nearer to a curve is left out of it, pixels.
 const TOLERANCE: f64 = 0.1;
 /// A curve that goes up and down so often within each column, of a width in pixels, is drawn as a band,

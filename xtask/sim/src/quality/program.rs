@@ -1,11 +1,11 @@
 //! From the lines of a program to its path.
 
-use host::program_reader::ProgramReader;
 use leadscrew::{
     axis::{AXES, Axes},
     model::{Circle, Command, FeedRate, Target, core_xy},
     units::{Nm, Steps, StepsPerMm},
 };
+use simulation::program_reader::ProgramReader;
 
 use super::{
     MotorScales,

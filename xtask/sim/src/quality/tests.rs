@@ -2,13 +2,13 @@
 
 use std::f64::consts::SQRT_2;
 
-use host::program_reader::ProgramReader;
 use leadscrew::{
     axis::{AXES, Axes},
     settings::{Settings, StepRate},
     sim::Edge,
     units::{StepsPerMm, TICKS_PER_SECOND},
 };
+use simulation::program_reader::ProgramReader;
 
 use super::{Meter, Quality, text};
 

@@ -9,10 +9,10 @@ use std::{
 
 use anyhow::{Context, Result};
 use common::ui;
-use host::holder;
 use rustix::net::sockopt::{
     set_socket_keepalive, set_tcp_keepcnt, set_tcp_keepidle, set_tcp_keepintvl,
 };
+use simulation::holder;
 
 use super::Port;
 

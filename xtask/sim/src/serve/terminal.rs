@@ -8,7 +8,7 @@ use std::{os::fd::BorrowedFd, path::Path};
 
 use anyhow::Result;
 use common::ui;
-use host::pty::{Link, Pty};
+use simulation::pty::{Link, Pty};
 
 use super::Port;
 
@@ -73,13 +73,13 @@ mod watched {
 
     use anyhow::Result;
     use common::ui;
-    use host::{
-        holder,
-        pty::{Link, Pty},
-    };
     use rustix::{
         fs::inotify::{self, CreateFlags, ReadFlags, Reader, WatchFlags},
         io::Errno,
+    };
+    use simulation::{
+        holder,
+        pty::{Link, Pty},
     };
 
     /// The terminals, by the numbers of their watches.

@@ -2,8 +2,8 @@
 
 use std::os::{fd::AsFd as _, unix::net::UnixStream};
 
-use host::machine::Machine;
 use leadscrew::settings::Settings;
+use simulation::machine::Machine;
 
 use super::*;
 

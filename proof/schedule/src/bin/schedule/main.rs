@@ -1,0 +1,391 @@
+//! `cargo xtask schedule`: proves from the firmware's machine code that every deadline is met.
+//!
+//! The analysis is the library `proof/schedule`; this shows what it finds. `docs/scheduling.md`
+//! explains the proof.
+
+mod document;
+mod instant;
+mod mutants;
+mod page;
+#[cfg(test)]
+mod sample;
+mod text;
+mod verdict;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+
+use anstream::{eprintln, println};
+use anyhow::{Context, Error, Result, anyhow, bail, ensure};
+use clap::Parser;
+use common::{BAUD, cargo, text::row, tools, ui, whole_thousands};
+use firmware::boards::{Board, compile};
+use owo_colors::OwoColorize;
+use schedule::{Clock, Config, Input, Measured, Model, Report, Rule, replay::Summary};
+
+use verdict::Verdict;
+
+/// Prove from the machine code that every task meets its deadline
+///
+/// Builds the firmware, bounds the execution time of every task from the ELF file, and from that,
+/// the priorities and `schedule.toml` its response time. Fails when a deadline can be missed, a
+/// panic, recursion, an indirect call or an unbounded loop can be reached from a task with a
+/// deadline, interrupts are off for too long anywhere, or the binary is not what the source says.
+/// docs/scheduling.md explains the proof.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask schedule", styles = ui::STYLES, max_term_width = 100, version)]
+#[command(after_help = ui::AXES)]
+struct Options {
+    /// The board
+    #[arg(long, value_name = "NAME", default_value = "netduino-plus-2")]
+    board: String,
+    /// Analyse this program instead of building the firmware
+    #[arg(long, value_name = "FILE")]
+    elf: Option<PathBuf>,
+    /// Step rate of the table: pulses of all axes together in a second; without it, the required
+    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(1..))]
+    step_rate: Option<u32>,
+    /// Baud rate of the table; without it, the firmware's
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    baud: Option<u32>,
+    /// Write the report to a file, for programs
+    #[arg(long, value_name = "OUT")]
+    json: Option<PathBuf>,
+    /// Write the report as a page with pictures
+    #[arg(long, value_name = "OUT")]
+    html: Option<PathBuf>,
+    /// Write the report that the documents show
+    #[arg(long, conflicts_with_all = ["elf", "step_rate", "baud"])]
+    write: bool,
+    /// Fail when the report that the documents show is out of date
+    #[arg(long, conflicts_with_all = ["elf", "step_rate", "baud", "write"])]
+    check: bool,
+    /// Run the firmware under a busy workload in QEMU, and compare with the proof what it executes
+    #[arg(long, conflicts_with_all = ["write", "check"])]
+    replay: bool,
+    /// Put faults into copies of the firmware, and tell how many of them the proof finds
+    #[arg(
+        long,
+        value_name = "N",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "60",
+        conflicts_with_all = ["elf", "step_rate", "baud", "json", "html", "check", "replay"]
+    )]
+    mutants: Option<usize>,
+    /// Where the faults go: which functions are drawn
+    #[arg(long, value_name = "N", default_value = "1", requires = "mutants")]
+    seed: u64,
+    /// Print the loops of tasks without a deadline that nothing counts, with what ends them
+    #[arg(long, conflicts_with_all = ["write", "check", "replay", "mutants"])]
+    loops: bool,
+    /// Print the cycles of each class of instructions and accesses, and analyse nothing
+    #[arg(long, conflicts_with_all = ["elf", "step_rate", "baud", "write", "check", "replay", "mutants"])]
+    table: bool,
+    /// Print the highest proven step rate and nothing else
+    #[arg(long, hide = true, conflicts_with_all = ["table", "write", "check", "replay"])]
+    rate: bool,
+    /// Print the verdict and nothing else
+    #[arg(long, hide = true, conflicts_with_all = ["table", "write", "check", "replay", "rate"])]
+    verdict: bool,
+}
+
+fn main() -> ExitCode {
+    let options = Options::parse();
+    common::main(|| run(&options))
+}
+
+fn run(options: &Options) -> Result<ExitCode> {
+    let board = firmware::boards::named(&options.board)?;
+    if options.table {
+        return table(&board);
+    }
+    if let Some(count) = options.mutants {
+        let are_found = mutants::run(&board, count, options.seed, options.write)?;
+        return Ok(if are_found {
+            ExitCode::SUCCESS
+        } else {
+            ExitCode::FAILURE
+        });
+    }
+    let elf = match &options.elf {
+        Some(elf) => elf.clone(),
+        None => compile::firmware(&board)?,
+    };
+    let report = analyse(&elf, &board, options)?;
+    if options.rate {
+        println!("{}", rate(&report)?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    if options.check || options.verdict {
+        return check(&report, &elf, options);
+    }
+    print(&report);
+    if options.loops {
+        println!();
+        for line in text::uncounted_loops(&report) {
+            println!("{line}");
+        }
+    }
+    if let Some(path) = &options.json {
+        let json = serde_json::to_string(&report)? + "\n";
+        fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if let Some(path) = &options.html {
+        let page = page::page(&report, cargo::root())?;
+        fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if options.write {
+        document::write(&report, &elf)?;
+    }
+    for flaw in &report.flaws {
+        eprintln!("{}", text::flaw(flaw));
+    }
+    let is_confirmed = !options.replay || replay_on(&board, &elf, &report, options)?;
+    Ok(if report.flaws.is_empty() && is_confirmed {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
+}
+
+/// The report on a program.
+fn analyse(elf: &Path, board: &Board, options: &Options) -> Result<Report> {
+    let input = Input {
+        elf,
+        root: cargo::root(),
+        board: &board.name,
+        features: &board.features(cargo::axes().into()),
+        clock: clock(board)?,
+        axes: cargo::axes(),
+        step_rate_hz: options.step_rate,
+        baud: options.baud,
+        measured: Measured::on(&board.name, cargo::root()).map_err(Error::msg)?,
+    };
+    schedule::analyse(&input).map_err(|error| anyhow!("{error}"))
+}
+
+/// Prints the verdict, and fails when the firmware is not proven or, where that is asked for, the
+/// documents show another report.
+fn check(report: &Report, elf: &Path, options: &Options) -> Result<ExitCode> {
+    for flaw in &report.flaws {
+        eprintln!("{}", text::flaw(flaw));
+    }
+    ensure!(
+        report.flaws.is_empty(),
+        "{} with {} axes: {}",
+        report.board,
+        report.axes,
+        text::verdict(report)
+    );
+    let text = if options.check {
+        document::check(report, elf)?
+    } else {
+        text::verdict(report)
+    };
+    println!("{text}");
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Prints the table of a board, without any calibration.
+fn table(board: &Board) -> Result<ExitCode> {
+    for (class, cycles) in Model::new(&clock(board)?).classes() {
+        println!("{class} {cycles}");
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The clocks of a board.
+fn clock(board: &Board) -> Result<Clock> {
+    board.chip.clocks.to_string().parse().map_err(Error::msg)
+}
+
+/// What is asked of the firmware.
+fn config() -> Result<Config> {
+    let path = cargo::root().join("schedule.toml");
+    let text =
+        fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    Config::parse(&text).map_err(Error::msg)
+}
+
+/// Follows the firmware of a board of which `report` was made. A board that QEMU does not emulate is built and
+/// analysed once more, with the stand-ins for what the emulator lacks, unless a program was given.
+fn replay_on(board: &Board, elf: &Path, report: &Report, options: &Options) -> Result<bool> {
+    if board.qemu.is_some() || options.elf.is_some() {
+        return replay(board, elf, report);
+    }
+    ui::status(
+        "Emulated",
+        &format!(
+            "{}: the firmware of its file with the emulator's stand-ins",
+            board.name
+        ),
+    );
+    let elf = compile::in_emulator(board)?;
+    let report = analyse(&elf, board, options)?;
+    for flaw in &report.flaws {
+        eprintln!("{}", text::flaw(flaw));
+    }
+    Ok(replay(board, &elf, &report)? && report.flaws.is_empty())
+}
+
+/// Follows a firmware of which `report` was made; whether nothing contradicts it.
+fn replay(board: &Board, elf: &Path, report: &Report) -> Result<bool> {
+    let out = cargo::target_dir().join("replay.json");
+    let _ = fs::remove_file(&out);
+    let (rate, baud) = (report.step_rate_hz.to_string(), report.baud.to_string());
+    let mut command = tools::command(tools::TARGET)?;
+    command.args(["replay", "--board", &board.argument(), "--step-rate", &rate]);
+    command.args(["--baud", &baud, "--out"]).arg(&out).arg(elf);
+    let played = command.status().context("cannot start the replay")?;
+    let text = fs::read_to_string(&out).context("the plugin has left no report")?;
+    let summary: Summary = serde_json::from_str(&text).context("the plugin's report is damaged")?;
+    let verdict = Verdict::of(report, &summary, &config()?.replay);
+    println!();
+    verdict::print(&verdict, &summary);
+    println!("coverage in {}", out.display().dimmed());
+    Ok(verdict.is_passed() && played.success())
+}
+
+/// The rate that a report proves. That it is lower than the project asks for does not make it wrong.
+fn rate(report: &Report) -> Result<u32> {
+    /// Flaws that are told where the proof is only a step on the way.
+    const TOLD: usize = 3;
+    // A loop of a task without a deadline is the watchdog's affair: no step waits for it.
+    let asks = |rule| {
+        matches!(
+            rule,
+            Rule::DeadlineMissed | Rule::Requirement | Rule::UncountedLoop
+        )
+    };
+    let rate = report.proven_step_rate_hz.get(&BAUD.to_string());
+    let rate = rate.map_or(0, |rate| whole_thousands(*rate));
+    let wrong: Vec<_> = report
+        .flaws
+        .iter()
+        .filter(|flaw| rate == 0 || !asks(flaw.rule))
+        .collect();
+    if !wrong.is_empty() {
+        let told = wrong.iter().take(TOLD).map(|flaw| {
+            let place = flaw.place.frames.first();
+            let place = place.map_or(String::new(), |place| format!(", {place}"));
+            format!("\n- {}{place}", flaw.what)
+        });
+        let more = match wrong.len().saturating_sub(TOLD) {
+            0 => String::new(),
+            more => format!("\n- and {more} more"),
+        };
+        bail!(
+            "the timing of the firmware cannot be proven{}{more}\n`cargo xtask schedule` tells everything",
+            told.collect::<String>()
+        );
+    }
+    ensure!(
+        rate > 0,
+        "the timing of the firmware is proven for no step rate"
+    );
+    Ok(rate)
+}
+
+/// The report in the terminal.
+fn print(report: &Report) {
+    let mut lines = text::heading(report).into_iter();
+    if let Some(first) = lines.next() {
+        println!("{}", first.bold());
+    }
+    for line in lines {
+        println!("{line}");
+    }
+    println!();
+    for (index, line) in text::tasks(report).lines().enumerate() {
+        if index < 2 {
+            println!("{}", line.bold());
+        } else {
+            println!("{line}");
+        }
+    }
+    println!();
+    for (name, value) in text::figures(report) {
+        row(name, &value);
+    }
+    for (tasks, source) in text::blocking(report) {
+        row("held up", &format!("{tasks}: {source}"));
+    }
+    for required in &report.requirements {
+        let text = text::requirement(required);
+        let text = if required.is_met {
+            text
+        } else {
+            text.red().to_string()
+        };
+        row("required", &text);
+    }
+    println!();
+    if report.flaws.is_empty() {
+        println!("{} {}", "proven".green().bold(), text::verdict(report));
+    } else {
+        println!("{} {}", "not proven".red().bold(), text::verdict(report));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use schedule::{Flaw, Place};
+
+    use super::*;
+
+    fn report(hz: u32, rules: &[Rule]) -> Report {
+        let flaw = |rule: &Rule| Flaw {
+            rule: *rule,
+            what: format!("{rule:?}"),
+            place: Place::default(),
+            remedy: String::new(),
+        };
+        Report {
+            proven_step_rate_hz: [(BAUD.to_string(), hz), ("250000".into(), 1)].into(),
+            flaws: rules.iter().map(flaw).collect(),
+            ..Report::default()
+        }
+    }
+
+    #[test]
+    fn a_rate_is_proven_where_nothing_but_a_wish_is_unmet() {
+        assert_eq!(rate(&report(151_900, &[])).unwrap(), 151_000);
+        let wishes = [Rule::Requirement, Rule::DeadlineMissed, Rule::UncountedLoop];
+        assert_eq!(rate(&report(90_000, &wishes)).unwrap(), 90_000);
+        for (hz, rules, reason) in [
+            (90_000, &[Rule::UnboundedLoop][..], "UnboundedLoop"),
+            (90_000, &[Rule::Requirement, Rule::Recursion], "Recursion"),
+            (0, &[Rule::DeadlineMissed], "DeadlineMissed"),
+            (999, &[], "for no step rate"),
+        ] {
+            let error = rate(&report(hz, rules)).unwrap_err().to_string();
+            assert!(error.contains(reason), "{error}");
+            assert!(hz == 0 || !error.contains("Requirement"), "{error}");
+        }
+        let many = rate(&report(1_000, &[Rule::ReachablePanic; 7])).unwrap_err();
+        assert!(many.to_string().contains("and 4 more"), "{many}");
+    }
+
+    #[test]
+    fn each_class_of_the_table_is_measured_on_a_board_and_no_other() {
+        let folder = cargo::root().join("tests/calibrate");
+        let files = ["instructions", "regions", "exceptions"];
+        let source: String = files
+            .iter()
+            .map(|file| fs::read_to_string(folder.join(file).with_extension("rs")).unwrap())
+            .collect();
+        let model = Model::new(&"168/5/4/2".parse().unwrap());
+        let classes = model.classes();
+        for class in classes.keys() {
+            assert!(source.contains(&format!("(\"{class}\", ")), "{class}");
+        }
+        for put in source.split("put(\"").skip(1) {
+            let class = put.split('"').next().unwrap();
+            assert!(classes.iter().any(|(known, _)| *known == class), "{class}");
+        }
+    }
+}

@@ -1,0 +1,318 @@
+//! Mutants: the firmware with a fault put into it, which the proof has to find.
+//!
+//! Each of ten kinds of fault is put at the beginning of functions that are drawn by a seed. A mutant
+//! is built and analysed as the firmware is; one that cannot be built, or whose code is that of the
+//! firmware, is none. What is known of a mutant is kept, so that a run that was stopped goes on.
+
+mod fault;
+mod site;
+
+use std::{
+    collections::BTreeMap,
+    env,
+    fmt::Write as _,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use anstream::println;
+use anyhow::{Context, Result, anyhow, ensure};
+use common::{cargo, ui};
+use firmware::boards::Board;
+use object::{Object, ObjectSegment};
+use schedule::{Clock, Input, Report};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use fault::{FAULTS, Fault};
+use site::{Draw, Site};
+
+/// Where the documents show what was found.
+const TEXT: &str = "docs/scheduling.md";
+const BEGIN: &str = "<!-- begin: cargo xtask schedule --mutants --write -->\n";
+const END: &str = "<!-- end of mutants -->\n";
+/// What at the top of the project is not compiled.
+const NOT_COPIED: [&str; 2] = ["target", ".git"];
+
+/// What became of a mutant.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+enum Outcome {
+    /// It does not compile.
+    Unbuilt,
+    /// Its code is that of the firmware.
+    Equal,
+    /// The proof says what is wrong.
+    Detected(String),
+    /// It is proven.
+    Survived,
+}
+
+/// Mutants of one kind of fault.
+#[derive(Debug, Default)]
+struct Tally {
+    detected: usize,
+    /// Where those are that were not.
+    survivors: Vec<String>,
+}
+
+/// Builds and analyses so many mutants; whether all were found.
+pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result<bool> {
+    let mut workshop = Workshop::new(board)?;
+    let sites = workshop.sites()?;
+    let mut draws: Vec<Draw<'_>> = { FAULTS.iter().enumerate() }
+        .map(|(index, fault)| Draw::new(&sites, fault, seed.wrapping_add(index as u64)))
+        .collect();
+    let mut tallies: Vec<Tally> = FAULTS.iter().map(|_| Tally::default()).collect();
+    for number in 0..count {
+        let kind = number % FAULTS.len();
+        let fault = &FAULTS[kind];
+        let Some((site, outcome)) = next(&mut workshop, fault, &mut draws[kind])? else {
+            continue;
+        };
+        let tally = &mut tallies[kind];
+        match outcome {
+            Outcome::Survived => tally.survivors.push(site),
+            Outcome::Unbuilt | Outcome::Equal | Outcome::Detected(_) => tally.detected += 1,
+        }
+    }
+    println!();
+    let table = table(&tallies);
+    println!("{table}");
+    if write {
+        show(&table, count, seed)?;
+    }
+    Ok(tallies.iter().all(|tally| tally.survivors.is_empty()))
+}
+
+/// The next mutant of a kind that is one: where the fault is, and what became of it.
+fn next(
+    workshop: &mut Workshop,
+    fault: &Fault,
+    draw: &mut Draw<'_>,
+) -> Result<Option<(String, Outcome)>> {
+    for (site, variant) in draw.by_ref() {
+        let name = format!("{}: {}", fault.name, site);
+        let outcome = workshop.outcome(&name, site, &fault.code(variant))?;
+        match &outcome {
+            Outcome::Unbuilt | Outcome::Equal => {}
+            Outcome::Detected(what) => ui::status("Detected", &format!("{name}: {what}")),
+            Outcome::Survived => ui::status("Survived", &name),
+        }
+        if !matches!(outcome, Outcome::Unbuilt | Outcome::Equal) {
+            return Ok(Some((site.to_string(), outcome)));
+        }
+    }
+    Ok(None)
+}
+
+/// A copy of the project, and what is known of its mutants.
+struct Workshop<'a> {
+    board: &'a Board,
+    clock: Clock,
+    folder: PathBuf,
+    /// The firmware's own code.
+    base: Vec<u8>,
+    elf: PathBuf,
+    known: BTreeMap<String, Outcome>,
+    kept: PathBuf,
+}
+
+impl<'a> Workshop<'a> {
+    fn new(board: &'a Board) -> Result<Self> {
+        cargo::need_target()?;
+        let place = cargo::target_dir().join("mutants");
+        let folder = place.join("source");
+        let _ = fs::remove_dir_all(&folder);
+        copy(cargo::root(), &folder)?;
+        let mut new = Self {
+            board,
+            clock: crate::clock(board)?,
+            folder,
+            base: Vec::new(),
+            elf: place.join("mutant.elf"),
+            known: BTreeMap::new(),
+            kept: PathBuf::new(),
+        };
+        ensure!(new.build()?, "the firmware cannot be built");
+        new.base = code(&new.elf)?;
+        ensure!(
+            new.analyse()?.flaws.is_empty(),
+            "the firmware is not proven"
+        );
+        let tool = fs::read(env::current_exe()?)?;
+        let proof = fs::read(new.folder.join("schedule.toml"))?;
+        let parts = [new.base.as_slice(), &tool, &proof];
+        let digest = parts.iter().fold(Sha256::new(), Sha256::chain_update);
+        let digest = digest.finalize();
+        let name = digest.iter().take(8).fold(String::new(), |mut name, byte| {
+            // Writing to a string never fails.
+            let _ = write!(name, "{byte:02x}");
+            name
+        });
+        new.kept = place.join(name).with_extension("json");
+        if let Ok(text) = fs::read_to_string(&new.kept) {
+            new.known =
+                serde_json::from_str(&text).context("what is known of mutants is damaged")?;
+        }
+        Ok(new)
+    }
+
+    /// The functions that tasks run.
+    fn sites(&self) -> Result<Vec<Site>> {
+        let lines = schedule::lines_of_tasks(&self.input()).map_err(|error| anyhow!("{error}"))?;
+        site::all(&self.folder, &lines)
+    }
+
+    fn input(&self) -> Input<'_> {
+        Input {
+            elf: &self.elf,
+            root: &self.folder,
+            board: &self.board.name,
+            features: &[],
+            clock: self.clock,
+            axes: cargo::axes(),
+            step_rate_hz: None,
+            baud: None,
+            measured: None,
+        }
+    }
+
+    fn analyse(&self) -> Result<Report> {
+        schedule::analyse(&self.input()).map_err(|error| anyhow!("{error}"))
+    }
+
+    /// Has Cargo build the copy; whether it can be.
+    fn build(&self) -> Result<bool> {
+        let mut command = cargo::cargo(&["build", "--quiet", "--release", "--bin", "leadscrew"]);
+        // A folder of its own: nobody is to flash a mutant that lies where the firmware does.
+        let target = self.target();
+        self.board.compile_into(&target, &mut command);
+        let output = command.current_dir(&self.folder).output();
+        if !output.context("cannot start Cargo")?.status.success() {
+            return Ok(false);
+        }
+        let built = target.join(cargo::TARGET).join("release/leadscrew");
+        fs::copy(built, &self.elf)?;
+        Ok(true)
+    }
+
+    /// Where Cargo builds the copies.
+    fn target(&self) -> PathBuf {
+        self.elf.with_file_name("build")
+    }
+
+    /// What becomes of a mutant, as it is known or now found.
+    fn outcome(&mut self, name: &str, site: &Site, code: &str) -> Result<Outcome> {
+        if let Some(known) = self.known.get(name) {
+            return Ok(known.clone());
+        }
+        let path = self.folder.join(&site.file);
+        let text = fs::read_to_string(&path)?;
+        fs::write(&path, site.with(&text, code))?;
+        let outcome = self.try_out();
+        fs::write(&path, text)?;
+        let outcome = outcome?;
+        self.known.insert(name.to_owned(), outcome.clone());
+        fs::write(
+            &self.kept,
+            serde_json::to_string_pretty(&self.known)? + "\n",
+        )?;
+        Ok(outcome)
+    }
+
+    fn try_out(&self) -> Result<Outcome> {
+        if !self.build()? {
+            return Ok(Outcome::Unbuilt);
+        }
+        if code(&self.elf)? == self.base {
+            return Ok(Outcome::Equal);
+        }
+        let report = self.analyse()?;
+        Ok(match report.flaws.first() {
+            Some(flaw) => Outcome::Detected(flaw.what.clone()),
+            None => Outcome::Survived,
+        })
+    }
+}
+
+/// What is flashed of a program.
+fn code(elf: &Path) -> Result<Vec<u8>> {
+    let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    let file = object::File::parse(&*bytes)
+        .with_context(|| format!("{} is no ELF file", elf.display()))?;
+    let mut code = Vec::new();
+    for segment in file.segments() {
+        code.extend_from_slice(segment.data()?);
+    }
+    Ok(code)
+}
+
+/// Copies a folder of the project.
+fn copy(from: &Path, to: &Path) -> Result<()> {
+    fs::create_dir_all(to)?;
+    for entry in fs::read_dir(from)? {
+        let entry = entry?;
+        let (name, path) = (entry.file_name(), entry.path());
+        // Cargo reads the settings of all folders above, and those of two would be added up.
+        let is_below = name == ".cargo" && to.starts_with(cargo::root());
+        let is_left = is_below || NOT_COPIED.iter().any(|not| name == *not);
+        if is_left && from == cargo::root() {
+            continue;
+        }
+        if path.is_dir() {
+            copy(&path, &to.join(name))?;
+        } else {
+            fs::copy(&path, to.join(name))?;
+        }
+    }
+    Ok(())
+}
+
+/// What was found, by the kind of fault.
+fn table(tallies: &[Tally]) -> String {
+    let rows = FAULTS.iter().zip(tallies).map(|(fault, tally)| {
+        let survivors = match tally.survivors.as_slice() {
+            [] => "-".to_owned(),
+            survivors => survivors.join(", "),
+        };
+        format!(
+            "| {} | {} of {} | {survivors} |\n",
+            fault.name,
+            tally.detected,
+            tally.detected + tally.survivors.len()
+        )
+    });
+    let rows: String = rows.collect();
+    format!("| fault | detected | not detected |\n|---|---|---|\n{rows}")
+}
+
+/// Puts the table into the document.
+fn show(table: &str, count: usize, seed: u64) -> Result<()> {
+    let path = cargo::root().join(TEXT);
+    let text = fs::read_to_string(&path).with_context(|| format!("cannot read {TEXT}"))?;
+    let parts = text.split_once(BEGIN).and_then(|(head, rest)| {
+        let (_, tail) = rest.split_once(END)?;
+        Some((head, tail))
+    });
+    let (head, tail) = parts.with_context(|| format!("{TEXT} has no line {BEGIN}"))?;
+    let told = format!("{count} mutants, drawn with the seed {seed}:\n\n{table}");
+    fs::write(&path, format!("{head}{BEGIN}{told}{END}{tail}"))?;
+    ui::status("Written", TEXT);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_has_a_row_for_each_kind_and_names_survivors() {
+        let mut tallies: Vec<Tally> = FAULTS.iter().map(|_| Tally::default()).collect();
+        tallies[0].detected = 5;
+        tallies[0].survivors.push("src/a.rs:7".to_owned());
+        let table = table(&tallies);
+        assert_eq!(table.lines().count(), 2 + FAULTS.len());
+        let first = table.lines().nth(2).unwrap();
+        assert!(first.ends_with("| 5 of 6 | src/a.rs:7 |"), "{first}");
+    }
+}

@@ -1,0 +1,142 @@
+//! `cargo xtask bench`: what the firmware costs, in instructions and modelled cycles.
+//!
+//! The firmware itself runs in QEMU, is fed over its serial line, and a plugin (`proof/cost`)
+//! charges every executed instruction to the exception handler it belongs to. A task is a handler;
+//! what preempts it is not in its cost, and 24 cycles for entry and exit are. Not counted: what
+//! runs outside handlers (initialisation, idling), the handler that stands for the step timer, and
+//! what the workload's settings cost, which a run without the program tells.
+
+mod emulator;
+mod figures;
+mod monitor;
+mod profile;
+mod report;
+mod sender;
+mod tasks;
+mod workload;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+
+use anstream::println;
+use anyhow::{Context, Result, ensure};
+use common::{cargo, ui};
+use firmware::boards::compile;
+use owo_colors::OwoColorize;
+
+use emulator::Emulator;
+use figures::{Parts, Run};
+#[cfg(feature = "probe")]
+pub(crate) use sender::Sender;
+use tasks::Names;
+use workload::{Part, Workload};
+
+/// Count what the firmware costs on the emulated chip, in instructions and modelled cycles
+///
+/// Streams five workloads to the firmware under QEMU: one axis at 100 kHz, three axes at 100, 73
+/// and 51 kHz, short G1 lines, lines of 10 steps as in a raster, and lines that re-plan 100 blocks each.
+/// `docs/benchmarks.md` says what is counted, and how far to trust it.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// Write the figures to a file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Show where the cycles go: by task, function and source line
+    #[arg(long)]
+    profile: bool,
+    /// Count another program instead: one that ends by semihosting
+    #[arg(long, value_name = "FILE", conflicts_with = "json")]
+    elf: Option<PathBuf>,
+    /// Arguments of that program
+    #[arg(requires = "elf")]
+    arguments: Vec<String>,
+}
+
+pub(crate) fn run(options: &Options) -> Result<ExitCode> {
+    let emulator = Emulator::new()?;
+    match &options.elf {
+        Some(elf) => program(&emulator, elf, options)?,
+        None => firmware(&emulator, options)?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Counts a program that ends by itself.
+fn program(emulator: &Emulator, elf: &Path, options: &Options) -> Result<()> {
+    let report = emulator.run(elf, &options.arguments)?;
+    tasks::print(&report);
+    if options.profile {
+        profile::print(&report, elf)?;
+    }
+    Ok(())
+}
+
+/// Counts the firmware and prints its figures.
+fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
+    const APPLICATION: &str = "src/app.rs";
+    /// Steps of all axes per second that no workload exceeds.
+    const MOST_HZ: u32 = 500_000;
+    /// Where the times of the steps are computed.
+    const STEP_TIMES: [&str; 3] = [
+        "leadscrew::stepper::generator::",
+        "leadscrew::stepper::method::",
+        "leadscrew::stepper::slots::",
+    ];
+    /// What makes a change of the state, and commands, of a line without blanks.
+    const PARSE: [&str; 2] = ["leadscrew::gcode::", "leadscrew::decimal::"];
+    /// What finds entry speeds, from the newest block back.
+    const PASS: [&str; 1] = ["leadscrew::motion::trapezoid::plan::"];
+    let (board, _) = firmware::boards::emulated()?;
+    let source = fs::read_to_string(cargo::root().join(APPLICATION))
+        .with_context(|| format!("cannot read {APPLICATION}"))?;
+    let names = Names::of(&source).context(APPLICATION)?;
+    // What is counted does not depend on time, and shall not depend on what is proven.
+    let elf = firmware::as_if_proven(&compile::firmware(&board)?, MOST_HZ)?;
+    let count = |workload: &Workload| {
+        ui::status("Counting", workload.name);
+        let settings = emulator.stream(&elf, workload, Part::Settings)?;
+        let whole = emulator.stream(&elf, workload, Part::Whole)?;
+        let mut run = Run {
+            step_times: profile::cost_of(&whole, &elf, &STEP_TIMES)?,
+            settings,
+            whole,
+            count: workload.count,
+        };
+        names.apply(&mut run.settings);
+        names.apply(&mut run.whole);
+        println!("\n{}", workload.name.bold());
+        tasks::print(&run.whole);
+        if options.profile {
+            profile::print(&run.whole, &elf)?;
+        }
+        anyhow::Ok(run)
+    };
+    let one = count(&workload::one_axis())?;
+    let three = count(&workload::three_axes())?;
+    let lines = count(&workload::short_lines())?;
+    let raster = count(&workload::raster())?;
+    let replanned = count(&workload::replanned())?;
+    // The sender may be too late for one block or another.
+    let blocks = profile::rounds_of(&replanned.whole, &elf, &PASS)?;
+    let blocks_a_line = blocks as f64 / replanned.count as f64;
+    ensure!(
+        (90.0..110.0).contains(&blocks_a_line),
+        "each line re-planned {blocks_a_line:.0} blocks, not 100"
+    );
+    let parts = Parts {
+        parse: profile::cost_of(&lines.whole, &elf, &PARSE)?.per(lines.count),
+        pass: profile::cost_of(&replanned.whole, &elf, &PASS)?.per(blocks.div_ceil(100)),
+    };
+    let figures = figures::all([&one, &three, &lines, &raster], parts)?;
+    println!();
+    figures::print(&figures);
+    if let Some(path) = &options.json {
+        let json = figures::json(&figures, &one.whole.model);
+        fs::write(path, format!("{json:#}\n"))
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,165 @@
+//! Single lines: what they say, and what Grbl does for them.
+
+use super::status::numbers;
+use simulation::sender;
+
+/// Whether two lines differ as those of two machines that are in different places or, one of them,
+/// locked.
+pub(super) fn is_consequence(ours: &str, theirs: &str) -> bool {
+    let is_lock = |text: &str| ["ok", "error:9", "error:8"].contains(&text);
+    let is_list =
+        |text: &str| (text.starts_with('[') && !text.starts_with("[MSG")) || text.starts_with('$');
+    let is_told = |text: &str| text.is_empty() || text == "[MSG:Caution: Unlocked]";
+    (is_lock(ours) && is_lock(theirs))
+        || (is_list(ours) && is_list(theirs))
+        || (is_told(ours) && is_told(theirs))
+}
+
+/// How far the coordinates of two messages of one kind are apart, mm; in inches, what that is.
+pub(super) fn displacement(ours: &str, theirs: &str) -> Option<Vec<f64>> {
+    let read = |text: &str| -> Option<(String, Vec<f64>, f64)> {
+        let (name, rest) = text.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
+        let is_place = name.starts_with('G') && name != "GC" || name == "PRB" || name == "TLO";
+        let (rest, result) = rest.split_once(':').unwrap_or((rest, ""));
+        let decimals = rest.rsplit_once('.')?.1.len();
+        let unit_mm = if decimals == 4 { 25.4 } else { 1.0 };
+        is_place.then(|| numbers(rest).map(|at| (format!("{name}{result}"), at, unit_mm)))?
+    };
+    let (our_name, ours, _) = read(ours)?;
+    let (their_name, theirs, unit_mm) = read(theirs)?;
+    let is_same = our_name == their_name && ours.len() == theirs.len();
+    is_same.then(|| {
+        (ours.iter().zip(&theirs))
+            .map(|(a, b)| (a - b) * unit_mm)
+            .collect()
+    })
+}
+
+/// `[OPT:…]` with Grbl's letters and more, and larger buffers.
+pub(super) fn is_build_options(ours: &str, theirs: &str) -> bool {
+    let read = |text: &str| -> Option<(String, u32, u32)> {
+        let inner = text.strip_prefix("[OPT:")?.strip_suffix(']')?.to_owned();
+        let mut parts = inner.split(',');
+        let letters = parts.next()?.to_owned();
+        let (blocks, bytes) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?);
+        parts.next().is_none().then_some((letters, blocks, bytes))
+    };
+    match (read(ours), read(theirs)) {
+        (Some((ours, blocks, bytes)), Some((theirs, their_blocks, their_bytes))) => {
+            theirs.chars().all(|letter| ours.contains(letter))
+                && blocks >= their_blocks
+                && bytes >= their_bytes
+        }
+        _ => false,
+    }
+}
+
+/// Two `$G` that differ in nothing but a `T0` of Grbl's.
+pub(crate) fn differs_in_tool(ours: &str, theirs: &str) -> bool {
+    tools(ours, theirs).is_some_and(|(ours, theirs)| theirs == "T0" && ours != "T0")
+}
+
+/// The tools of two `$G` that are otherwise the same.
+pub(crate) fn tools(ours: &str, theirs: &str) -> Option<(String, String)> {
+    let without_tool = |text: &str| -> Option<(String, String)> {
+        let words = text.strip_prefix("[GC:")?.split(' ');
+        let (tool, rest): (Vec<_>, Vec<_>) = words.partition(|word| word.starts_with('T'));
+        Some((rest.join(" "), tool.concat()))
+    };
+    match (without_tool(ours), without_tool(theirs)) {
+        (Some((ours, tool)), Some((theirs, their_tool))) => {
+            (ours == theirs).then_some((tool, their_tool))
+        }
+        _ => None,
+    }
+}
+
+/// Two `$G` that differ in nothing but an `M7` of ours.
+pub(super) fn differs_in_mist(ours: &str, theirs: &str) -> bool {
+    ours.starts_with("[GC:")
+        && (ours.replace(" M7 M8 ", " M8 ") == theirs || ours.replace(" M7 ", " M9 ") == theirs)
+        && ours != theirs
+}
+
+/// Whether a line moves along an arc: only those have a centre or a radius.
+pub(super) fn is_arc(line: &str) -> bool {
+    !line.starts_with('$') && line.contains(['I', 'J', 'K', 'R'])
+}
+
+/// Whether Grbl writes its EEPROM for a line.
+pub(super) fn stores(line: &str) -> bool {
+    let g = |wanted: f64| sender::g_numbers(line.as_bytes()).any(|number| number == wanted);
+    match line.strip_prefix('$') {
+        Some(statement) => statement.contains('=') && !statement.starts_with("J="),
+        None => g(10.0) || g(28.1) || g(30.1),
+    }
+}
+
+/// Whether a line sets what Grbl stores and makes no sense: no steps, no speed, no acceleration,
+/// no travel, or an integer that does not fit.
+pub(super) fn is_setting_out_of_range(line: &str) -> bool {
+    let Some((number, value)) = line
+        .strip_prefix('$')
+        .and_then(|statement| statement.split_once('='))
+    else {
+        return false;
+    };
+    let (Ok(number), Ok(value)) = (number.parse::<u16>(), value.parse::<f64>()) else {
+        return false;
+    };
+    match number {
+        100..=135 | 24 | 25 => !(0.001..=1e6).contains(&value),
+        0..=10 | 23 | 26 => value > 255.0,
+        _ => value > 1e6,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_larger_buffers_are_excused() {
+        assert!(is_build_options("[OPT:VNM,127,1024]", "[OPT:V,15,128]"));
+        assert!(!is_build_options("[OPT:VNM,14,1024]", "[OPT:V,15,128]"));
+        assert!(!is_build_options("[OPT:N,127,1024]", "[OPT:V,15,128]"));
+        assert!(!is_build_options("[OPT:V,127]", "[OPT:V,15,128]"));
+    }
+
+    #[test]
+    fn only_a_kept_tool_is_excused() {
+        assert!(differs_in_tool("[GC:G0 M5 T3 F0]", "[GC:G0 M5 T0 F0]"));
+        assert!(!differs_in_tool("[GC:G0 M5 T0 F0]", "[GC:G0 M5 T3 F0]"));
+        assert!(!differs_in_tool("[GC:G1 M5 T3 F0]", "[GC:G0 M5 T0 F0]"));
+        assert!(!differs_in_tool("ok", "ok"));
+    }
+
+    #[test]
+    fn only_mist_of_ours_is_excused() {
+        assert!(differs_in_mist("[GC:G0 M5 M7 T0]", "[GC:G0 M5 M9 T0]"));
+        assert!(differs_in_mist("[GC:G0 M5 M7 M8 T0]", "[GC:G0 M5 M8 T0]"));
+        assert!(!differs_in_mist("[GC:G0 M5 M7 M8 T0]", "[GC:G0 M5 M9 T0]"));
+        assert!(!differs_in_mist("[GC:G0 M5 M9 T0]", "[GC:G0 M5 M9 T0]"));
+        assert!(!differs_in_mist("[GC:G1 M5 M7 T0]", "[GC:G0 M5 M9 T0]"));
+    }
+
+    #[test]
+    fn only_senseless_settings_are_excused() {
+        for line in ["$100=0", "$110=0", "$122=0.0", "$1=256", "$26=300"] {
+            assert!(is_setting_out_of_range(line), "{line}");
+        }
+        for line in ["$100=80", "$1=255", "$30=1000", "$27=0", "$N0=G0", "$11=0"] {
+            assert!(!is_setting_out_of_range(line), "{line}");
+        }
+    }
+
+    #[test]
+    fn what_takes_grbl_long_is_known() {
+        for line in ["$110=5", "$N0=G20", "$RST=*", "$I=x", "G10L2P1X1", "G28.1"] {
+            assert!(stores(line), "{line}");
+        }
+        for line in ["$J=X1F100", "$$", "G28", "G0X1"] {
+            assert!(!stores(line), "{line}");
+        }
+    }
+}

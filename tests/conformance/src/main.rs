@@ -1,0 +1,243 @@
+//! `cargo xtask conformance`: what Grbl was recorded to do, against the virtual machine.
+
+mod check;
+mod compare;
+mod deviation;
+mod exchange;
+mod golden;
+mod print;
+
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+
+use anyhow::{Context, Result, ensure};
+use clap::Parser;
+use common::ui;
+use rayon::prelude::*;
+use serde::Serialize;
+use simulation::{
+    output::{progress, write_json},
+    play,
+};
+
+use self::{
+    check::Table,
+    compare::{Difference, Verdict},
+    deviation::Deviation,
+    exchange::Exchange,
+    golden::Case,
+};
+
+/// Replay what Grbl was recorded to do, and compare
+///
+/// DIR holds recordings: programs that were executed (golden/CATEGORY/NAME.grbl.json), programs in
+/// check mode line by line (golden/CATEGORY/NAME.check.csv), single lines
+/// (suites/) and sessions with times (suites/). Answers,
+/// messages, reports, positions, modes, outputs and times are compared. Deliberate deviations are
+/// named and counted; any other difference is printed and makes the exit status 1.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask conformance", styles = ui::STYLES, max_term_width = 100, version)]
+#[command(after_help = ui::AXES)]
+struct Options {
+    /// The recorded data
+    #[arg(required_unless_present = "document")]
+    dir: Option<PathBuf>,
+    /// Only this category: a folder of golden/, 'check', `error_cases` or 'transcripts'; repeatable
+    #[arg(long, value_name = "NAME")]
+    category: Vec<String>,
+    /// Write every comparison as JSON
+    #[arg(long, value_name = "OUT")]
+    json: Option<PathBuf>,
+    /// Print every difference, also those that are by design
+    #[arg(long)]
+    all: bool,
+    /// Print docs/conformance.md
+    #[arg(long, hide = true)]
+    document: bool,
+}
+
+/// Something recorded.
+#[derive(Debug)]
+enum Recording {
+    Program(Case),
+    Check(Table),
+    Exchange(Box<Exchange>),
+}
+
+/// One comparison.
+#[derive(Debug, Serialize)]
+struct Outcome {
+    category: String,
+    /// The program, or the name of the exchange.
+    program: String,
+    #[serde(skip_serializing_if = "String::is_empty")]
+    settings: String,
+    /// Lines compared; 1 for what is compared as a whole.
+    rows: usize,
+    verdict: Verdict,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    motion_time_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    recorded_motion_time_s: Option<f64>,
+    differences: Vec<Difference>,
+}
+
+fn main() -> ExitCode {
+    let options = Options::parse();
+    common::main(|| run(&options))
+}
+
+fn run(options: &Options) -> Result<ExitCode> {
+    let Some(dir) = options.dir.as_deref() else {
+        print!("{}", document()?);
+        return Ok(ExitCode::SUCCESS);
+    };
+    let recordings = load(dir, &options.category)?;
+    ensure!(
+        !recordings.is_empty(),
+        "there is nothing to compare in {}: it should hold golden/CATEGORY/NAME.grbl.json, \
+         golden/CATEGORY/NAME.check.csv or suites/grbl_….json",
+        dir.display()
+    );
+    let outcomes = replay_all(dir, &recordings)?;
+    print::all(&outcomes, options.all);
+    if let Some(path) = &options.json {
+        write_json(path, &outcomes)?;
+    }
+    let differs = |outcome: &Outcome| outcome.verdict == Verdict::Differs;
+    Ok(ExitCode::from(u8::from(outcomes.iter().any(differs))))
+}
+
+/// Everything that is recorded in the folder and asked for.
+fn load(dir: &Path, categories: &[String]) -> Result<Vec<Recording>> {
+    let mut recordings = Vec::new();
+    if dir.join("golden").is_dir() {
+        let cases = golden::load(dir, categories)?;
+        recordings.extend(cases.into_iter().map(Recording::Program));
+        if categories.is_empty() || categories.iter().any(|name| name == CHECK) {
+            recordings.extend(check::load(dir)?.into_iter().map(Recording::Check));
+        }
+    }
+    let exchanges = exchange::load(dir, categories)?.into_iter();
+    recordings.extend(exchanges.map(|exchange| Recording::Exchange(Box::new(exchange))));
+    Ok(recordings)
+}
+
+/// What is compared, and every deviation with its rule, as a document.
+fn document() -> Result<String> {
+    let mut text = HEAD.to_owned();
+    for deviation in Deviation::ALL {
+        let row = deviation.row();
+        writeln!(text, "| {} | {} | {} |", row.id, row.text, row.rule)?;
+    }
+    Ok(text)
+}
+
+/// The document up to the table's rows.
+const HEAD: &str = "\
+# Compared with Grbl
+
+```sh
+cargo xtask conformance DIR                          # everything that is in the folder
+cargo xtask conformance DIR --category transcripts   # one part; repeatable
+cargo xtask conformance DIR --all --json out.json    # every difference, also those by design
+```
+
+`DIR` holds recordings of Grbl 1.1h; they are not part of this repository, and no other test needs
+them. Everything is replayed on the virtual machine, which is the firmware's own code, over its serial
+line at 115 200 baud and on a virtual clock. The exit status is 1 when a difference has no name.
+
+| files in `DIR` | category | compared |
+|---|---|---|
+| `golden/CATEGORY/NAME.grbl.json` | their folder | programs executed: each answer, messages, final steps, steps per axis, motion time, and what `$G`, `$#` and `?` say in the end |
+| `golden/CATEGORY/NAME.check.csv` | `check` | programs in check mode: answer, position, F, S, T, modes and messages after each line |
+| `suites/grbl_error_cases.json` | `error_cases` | single lines: everything received, and the end |
+| `suites/grbl_transcripts.json` | `transcripts` | sessions: everything received and when, pins and switches, outputs, and the end |
+
+Texts and their order are exact, positions at rest too. Times may differ by 50 ms, positions in motion by
+30 ms of travel, speeds by 1 %, in ramps by 10 %; a state by what the machine was 50 ms before or after.
+Beside the recording, each report is held against the machine: it must show where the axes are, and must
+be sent within 5 ms of its `?`.
+
+`cargo xtask sim --session IN --out OUT` replays the same sessions without comparing, and writes them
+back with what was received.
+
+## Deviations
+
+What differs on purpose. Each is found by its cause in the exchange; the tool counts what each explains
+and names where. [grbl-compatibility.md](grbl-compatibility.md) gives the reasons.
+
+| name | what Leadscrew does | what may differ |
+|---|---|---|
+";
+
+/// The category of the tables.
+const CHECK: &str = "check";
+
+/// Runs everything, on every core.
+fn replay_all(dir: &Path, recordings: &[Recording]) -> Result<Vec<Outcome>> {
+    let bar = progress(recordings.len() as u64, "recordings");
+    let each = |recording| {
+        let outcome = replay(dir, recording);
+        bar.inc(1);
+        outcome
+    };
+    let outcomes = recordings.par_iter().map(each).collect();
+    bar.finish_and_clear();
+    outcomes
+}
+
+fn replay(dir: &Path, recording: &Recording) -> Result<Outcome> {
+    match recording {
+        Recording::Program(case) => replay_program(dir, case)
+            .with_context(|| format!("{} with settings {}", case.program, case.settings_name)),
+        Recording::Check(table) => {
+            let (rows, differences) = check::replay(table)?;
+            Ok(Outcome::of(CHECK, &table.name, rows, differences))
+        }
+        Recording::Exchange(exchange) => {
+            let differences = exchange
+                .replay()
+                .with_context(|| format!("exchange {}", exchange.name))?;
+            Ok(Outcome::of(
+                exchange.category,
+                &exchange.name,
+                1,
+                differences,
+            ))
+        }
+    }
+}
+
+impl Outcome {
+    fn of(category: &str, program: &str, rows: usize, differences: Vec<Difference>) -> Self {
+        Self {
+            category: category.into(),
+            program: program.into(),
+            settings: String::new(),
+            rows,
+            verdict: Verdict::of(&differences),
+            motion_time_s: None,
+            recorded_motion_time_s: None,
+            differences,
+        }
+    }
+}
+
+fn replay_program(dir: &Path, case: &Case) -> Result<Outcome> {
+    let path = dir.join(&case.program);
+    let settings = case.settings()?;
+    let played = play::play_recorded(&path, &settings, &case.switches(&settings))?;
+    let traits = golden::Traits::of(&path, &settings)?;
+    let differences = compare::compare(&case.run, &played, &traits);
+    let figures = played.figures;
+    Ok(Outcome {
+        settings: case.settings_name.clone(),
+        motion_time_s: Some(figures.motion_time_s),
+        recorded_motion_time_s: Some(case.run.motion_time_s),
+        ..Outcome::of(&case.category, &case.program, 1, differences)
+    })
+}

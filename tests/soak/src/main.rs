@@ -1,0 +1,119 @@
+//! `cargo xtask soak`: random histories for the virtual machine, and rules that hold in each. `cargo xtask fuzz`:
+//! random inputs.
+
+mod action;
+mod bench;
+mod fuzz;
+#[path = "../../../tests/support/pulses.rs"]
+mod pulses;
+mod quiet;
+#[path = "../../../tests/support/random_lines.rs"]
+mod random_lines;
+mod rules;
+mod search;
+mod setup;
+
+use std::{env, process::ExitCode, time::Duration};
+
+use anyhow::{Result, ensure};
+use clap::Parser;
+use common::ui;
+use indicatif::{HumanCount, ProgressBar};
+use simulation::proven;
+
+use search::{Done, Until};
+
+/// Let anything happen to the virtual machine, and look whether it does what it must
+///
+/// Lines of all codes, realtime bytes, contacts, damaged bytes, breaks, settings that are stored, and losses of
+/// power come at random times. Every pulse has its width and its distance, no axis is faster than it may be or
+/// leaves its travel, a break holds what runs, each line is answered once, each `?` in time, the machine is where
+/// it believes to be, and what was stored before power was lost is there afterwards.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask soak", styles = ui::STYLES, max_term_width = 100, version)]
+#[command(after_help = ui::AXES)]
+struct Options {
+    /// The seed of the first history; each one after it has the next
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    seed: u64,
+    /// How long, s
+    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
+    seconds: u64,
+    /// Instead, until the machines have run for so many hours
+    #[arg(long, value_name = "HOURS", conflicts_with = "seconds")]
+    machine_hours: Option<f64>,
+    /// Instead, a number of histories
+    #[arg(long, value_name = "COUNT", conflicts_with_all = ["seconds", "machine_hours"])]
+    histories: Option<u64>,
+}
+
+fn main() -> ExitCode {
+    let mut arguments = env::args_os();
+    if arguments.nth(1).is_some_and(|name| name == "fuzz") {
+        let options = fuzz::Options::parse_from(env::args_os().skip(1));
+        return common::main(|| fuzz::run(&options));
+    }
+    let options = Options::parse();
+    common::main(|| run(&options))
+}
+
+/// Greatest growth of the process behind the first histories, KiB.
+const GROWTH_KIB: u64 = 8 * 1024;
+/// The first histories: the process has what it needs then.
+const FIRST: u64 = 50;
+
+fn run(options: &Options) -> Result<ExitCode> {
+    let until = match (options.machine_hours, options.histories) {
+        (Some(hours), _) => Until::MachineHours(hours),
+        (_, Some(count)) => Until::Histories(count),
+        _ => Until::Elapsed(Duration::from_secs(options.seconds)),
+    };
+    let progress = ProgressBar::new_spinner();
+    let mut memory = None;
+    let searched = search::search(options.seed, until, proven::committed(), None, |done| {
+        if done.histories == FIRST {
+            memory = resident_kib();
+        }
+        progress.set_message(figures(done));
+        progress.tick();
+    });
+    progress.finish_and_clear();
+    let done = match searched {
+        Ok(done) => done,
+        Err(broken) => {
+            anstream::println!("{broken}");
+            ui::status(
+                "Broken",
+                &format!(
+                    "again: cargo xtask soak --seed {} --histories 1",
+                    broken.seed
+                ),
+            );
+            return Ok(ExitCode::FAILURE);
+        }
+    };
+    if let (Some(before), Some(after)) = (memory, resident_kib()) {
+        ensure!(
+            after <= before + GROWTH_KIB,
+            "the memory grows: {before} KiB, then {after} KiB"
+        );
+    }
+    ui::status("Soaked", &figures(&done));
+    Ok(ExitCode::SUCCESS)
+}
+
+fn figures(done: &Done) -> String {
+    format!(
+        "{} histories, {} actions, {:.2} h of the machine: no rule is broken",
+        HumanCount(done.histories),
+        HumanCount(done.actions),
+        done.machine_seconds / 3600.0
+    )
+}
+
+/// Memory of this process in use, KiB; `None` where nobody says.
+fn resident_kib() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;
+    line.split_whitespace().nth(1)?.parse().ok()
+}

@@ -1,0 +1,156 @@
+//! The boards of `boards/`, and the firmware of each.
+
+pub mod compile;
+pub mod image;
+pub mod layout;
+pub mod pins;
+pub mod rates;
+pub mod seal;
+
+use std::{fmt::Write as _, ops::Deref, path::Path, process::Command};
+
+use anyhow::{Context, Result, bail};
+pub use board_data::FlashSector;
+use board_data::{DEFAULT, MemoryLayout};
+use common::{cargo, ui};
+
+/// A board the firmware can be built for.
+#[derive(Debug, Clone)]
+pub struct Board(board_data::Board);
+
+impl Deref for Board {
+    type Target = board_data::Board;
+
+    fn deref(&self) -> &Self::Target {
+        &self.0
+    }
+}
+
+impl Board {
+    /// What other tools are told of the board with `--board`: its file, for it may lie anywhere.
+    pub fn argument(&self) -> String {
+        self.file.to_string_lossy().into_owned()
+    }
+
+    /// Where program and settings are with as many axes as were asked for.
+    pub fn chosen_memory(&self) -> MemoryLayout {
+        self.memory(cargo::axes().into())
+    }
+
+    /// Makes a Cargo command compile for the board.
+    pub fn compile<'a>(&self, command: &'a mut Command) -> &'a mut Command {
+        self.compile_into(&cargo::target_dir(), command)
+    }
+
+    /// The same into another folder than that of the project.
+    pub fn compile_into<'a>(&self, target: &Path, command: &'a mut Command) -> &'a mut Command {
+        let mut features = self.features(cargo::axes().into());
+        if self.qemu.is_some() {
+            features.push("emulated".into());
+        }
+        cargo::compile_for(command, &self.argument(), &features.join(","), target);
+        command
+    }
+}
+
+impl Board {
+    /// The board as it is in the emulator: with the stand-ins for what the emulator lacks, in the machine of
+    /// the board that QEMU emulates. Boards whose motors are driven by phases have none, nor have those whose settings
+    /// are in an EEPROM.
+    pub fn in_emulator(mut self) -> Result<Self> {
+        let (_, machine) = emulated()?;
+        if self.has_phases() {
+            bail!(
+                "the emulator records steps and directions: {} has phases instead",
+                self.name
+            );
+        }
+        let wiring = self.wiring(cargo::axes().into());
+        if wiring.is_some_and(|wiring| wiring.eeprom.is_some()) {
+            bail!(
+                "the emulator has no EEPROM: {} has its settings in one",
+                self.name
+            );
+        }
+        self.0.qemu = Some(machine);
+        Ok(self)
+    }
+}
+
+/// Every board.
+pub fn all() -> Result<Vec<Board>> {
+    let boards = board_data::Board::all(cargo::root())?;
+    Ok(boards.into_iter().map(Board).collect())
+}
+
+/// The board of a name, or of a file: a path that ends in `.toml`.
+pub fn named(name: &str) -> Result<Board> {
+    let file = board_data::Board::path(name, cargo::root());
+    if file.is_file() {
+        return Ok(Board(board_data::Board::read(&file, cargo::root())?));
+    }
+    let mut known = String::new();
+    for board in &all()? {
+        write!(known, "\n  {}", board.name)?;
+    }
+    bail!("there is no board {name:?}; the boards are{known}")
+}
+
+/// The boards that a command's options choose: that of a name, every one, or else the default one, which the
+/// user is told.
+pub fn chosen(name: Option<&str>, are_all: bool) -> Result<Vec<Board>> {
+    if are_all {
+        return all();
+    }
+    let name = name.unwrap_or_else(|| {
+        ui::status(
+            "Board",
+            &format!("{DEFAULT}: `--board NAME` takes another one, `--all` every one"),
+        );
+        DEFAULT
+    });
+    Ok(vec![named(name)?])
+}
+
+/// The board that QEMU emulates, and its machine.
+pub fn emulated() -> Result<(Board, String)> {
+    all()?
+        .into_iter()
+        .find_map(|board| board.qemu.clone().map(|machine| (board, machine)))
+        .context("no board names a QEMU machine")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_emulator_is_for_boards_with_steps_and_settings_in_flash() {
+        let in_emulator = |name: &str| named(name).unwrap().in_emulator();
+        assert!(in_emulator("nucleo-f446re").is_ok());
+        for (name, words) in [
+            ("nucleo-f446re-uln2003", "has phases instead"),
+            ("flexi-hal", "the emulator has no EEPROM"),
+            ("fysetc-s6-2", "the emulator has no EEPROM"),
+        ] {
+            let error = in_emulator(name).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+    }
+
+    #[test]
+    fn without_a_name_one_board_is_chosen_and_all_when_they_are_asked_for() {
+        let names = |boards: Vec<Board>| -> Vec<String> {
+            boards.iter().map(|board| board.name.clone()).collect()
+        };
+        assert_eq!(names(chosen(None, false).unwrap()), [DEFAULT]);
+        let one = Some("nucleo-f446re");
+        assert_eq!(names(chosen(one, false).unwrap()), ["nucleo-f446re"]);
+        let all = names(chosen(None, true).unwrap());
+        assert!(
+            all.len() > 2 && all.contains(&DEFAULT.to_owned()),
+            "{all:?}"
+        );
+        assert!(chosen(Some("no-such-board"), false).is_err());
+    }
+}

@@ -1,0 +1,331 @@
+//! `cargo xtask docs`: the documents that are made from the code's tables.
+
+mod pins;
+mod tables;
+
+use std::{fmt::Write as _, fs, path::Path, process::ExitCode};
+
+use anyhow::{Context, Result, bail};
+use clap::Parser;
+use common::{BAUD, cargo, text::separated, tools, ui};
+use leadscrew::{
+    axis::AXES,
+    gcode::{
+        LineError,
+        codes::{CODES, CodeGroup},
+    },
+    model::Alarm,
+    settings::{DataType, Kind, Setting, Settings, StepRate, Value, assign},
+};
+use simulation::proven;
+
+/// Write the documents that are made from the code: settings, errors and alarms
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask docs", styles = ui::STYLES, max_term_width = 100, version)]
+struct Options {
+    /// Write nothing; fail when a document is out of date
+    #[arg(long)]
+    check: bool,
+}
+
+/// Where a document lies, and what makes it.
+type Document = (&'static str, fn() -> Result<String>);
+
+/// Every document.
+const DOCUMENTS: [Document; 5] = [
+    ("docs/gcodes.md", codes_table),
+    ("docs/settings.md", settings_table),
+    ("docs/errors.md", errors_table),
+    ("docs/conformance.md", conformance_table),
+    ("docs/pins.md", pins::table),
+];
+
+fn conformance_table() -> Result<String> {
+    let text = tools::output(tools::CONFORMANCE, ["--document"])?;
+    Ok(text + "\n")
+}
+
+fn main() -> ExitCode {
+    let options = Options::parse();
+    common::main(|| run(&options))
+}
+
+fn run(options: &Options) -> Result<ExitCode> {
+    if AXES != 3 {
+        bail!("the documents are those of three axes: leave `--axes` away");
+    }
+    if options.check {
+        check()?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    for (path, make) in DOCUMENTS {
+        write(path, make()?)?;
+    }
+    for table in &tables::TABLES {
+        write(table.path, table.document()?)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn write(path: &str, text: String) -> Result<()> {
+    fs::write(cargo::root().join(path), text).with_context(|| format!("cannot write {path}"))?;
+    ui::status("Written", path);
+    Ok(())
+}
+
+/// Fails when a document is not what the code says.
+fn check() -> Result<()> {
+    if AXES != 3 {
+        ui::status("Skipped", "the documents are those of three axes");
+        return Ok(());
+    }
+    for (path, make) in DOCUMENTS {
+        compare(path, &make()?)?;
+    }
+    for table in &tables::TABLES {
+        compare(table.path, &table.document()?)?;
+    }
+    check_deviations()
+}
+
+fn compare(path: &str, text: &str) -> Result<()> {
+    let found = fs::read_to_string(cargo::root().join(path)).unwrap_or_default();
+    if found != text {
+        bail!("{path} is out of date: run `cargo xtask docs`");
+    }
+    Ok(())
+}
+
+/// Fails when a deviation from Grbl names no test, or one that there is not.
+fn check_deviations() -> Result<()> {
+    const PATH: &str = "docs/grbl-compatibility.md";
+    let text = fs::read_to_string(cargo::root().join(PATH))
+        .with_context(|| format!("cannot read {PATH}"))?;
+    let mut sources = String::new();
+    for folder in ["tests", "src", "xtask"] {
+        read_sources(&cargo::root().join(folder), &mut sources)?;
+    }
+    let rows: Vec<_> = text
+        .lines()
+        .filter(|line| line.starts_with("| D"))
+        .collect();
+    if rows.is_empty() {
+        bail!("{PATH} has no deviations");
+    }
+    for row in rows {
+        let cells: Vec<_> = row.trim_matches('|').split('|').map(str::trim).collect();
+        let named = cells.last().copied().unwrap_or_default();
+        for test in named.split(", ") {
+            let name = test.trim_matches('`');
+            if name.is_empty() || !sources.contains(&format!("fn {name}(")) {
+                bail!("{PATH}: there is no test {test} ({})", cells[0]);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Appends every source file in a folder.
+fn read_sources(folder: &Path, sources: &mut String) -> Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            read_sources(&path, sources)?;
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            sources.push_str(&fs::read_to_string(&path)?);
+        }
+    }
+    Ok(())
+}
+
+fn settings_table() -> Result<String> {
+    let mut text = String::from(
+        "# Settings\n\n\
+         Made from the code by `cargo xtask docs`. `$n=value` changes one, at rest or in alarm; `$$` lists\n\
+         those of Grbl 1.1, `$+` all, `$ES` describes them to programs, `$RST=$` brings the defaults back.\n\
+         A value that is not allowed is answered with an error, and nothing changes. Tools read what `$$`\n\
+         or `$+` has listed from a file: `--settings FILE`, and `cargo xtask settings`, which saves, compares\n\
+         and loads those of a machine ([from Grbl](from-grbl.md#copy-your-settings)).\n\n\
+         | setting | what | unit | values | default |\n|---|---|---|---|---|\n",
+    );
+    let defaults = Settings::default();
+    for setting in Setting::all() {
+        let row = setting.row;
+        let axis = setting
+            .letter()
+            .map_or(String::new(), |letter| format!(", {}", char::from(letter)));
+        writeln!(
+            text,
+            "| `${}` | {}{axis} | {} | {} | {} |",
+            setting.number(),
+            row.name,
+            row.unit,
+            values(&setting),
+            shown(setting.value(&defaults), row.kind.decimals()),
+        )?;
+    }
+    text.push_str(ARC_MACHINE);
+    text.push_str(&step_rates());
+    text.push_str(JERK);
+    text.push_str(CORE_XY);
+    Ok(text)
+}
+
+/// Where the settings of the Pico arc machine are.
+const ARC_MACHINE: &str = "\n`$790` and `$794` are there on boards for [motors without drivers](pico.md#motors-without-drivers) and in the simulator\n\
+    only; `$791` can be 1 there only.\n";
+
+/// What limits of jerk do.
+const JERK: &str = "\n## Limits of jerk\n\n\
+    `$800` and on limit how fast the acceleration of an axis changes. With 0 on every axis, acceleration is\n\
+    there at once. With a limit it takes a time: 500 mm/s² at 10 000 mm/s³ take 50 ms, and so much\n\
+    longer takes every ramp. That is quieter, and leaves no ringing on a machine whose frame swings.\n\n\
+    As soon as one axis has a limit, all motion but homing and parking changes its acceleration evenly, within\n\
+    the same time for all axes: the longest of `$120` / `$800`, `$121` / `$801` and so on, in whole\n\
+    milliseconds, 5 at least. If that is more than 120 ms, the acceleration is lowered\n\
+    instead. So is the speed of arcs whose direction would change too fast, and of the places where a small\n\
+    arc begins or ends. Corners are passed as `$11` has it. A feed hold takes that time longer, too.\n\
+    [motion-planning.md](motion-planning.md#limits-of-jerk) says how it works.\n";
+
+/// What `CoreXY` is, and what its settings count for.
+const CORE_XY: &str = "\n## CoreXY\n\n\
+    `$795=1` is for a machine whose X and Y hang on two belts: the motor at X's outputs makes the steps of X + Y, that at\n\
+    Y's outputs those of X - Y, as with Grbl's `COREXY`. Grbl and grblHAL choose that when they are compiled and have no\n\
+    setting for it. If the machine mirrors or swaps X and Y, turn a motor around with `$3`, or swap the motors' plugs.\n\n\
+    What is a motor's counts for the motors: `$2`, `$3`, and `$110`, `$120`, `$800` of X for the first one, `$111`, `$121`, `$801`\n\
+    for the second one. Along X or Y both turn, and the slower one decides; along a diagonal one turns alone, and the tool is\n\
+    √2 times slower than it turns. Both have the resolution of `$100`; `$101` follows it. What is an axis' counts for the axes:\n\
+    `$130` and `$131`, soft limits, `$23`, homing and its switches, jogs, probing and all positions that are reported.\n\n\
+    Lines and arcs in the plane of X and Y, helices included, are as exact as on other machines. An arc of `G18` or `G19` becomes\n\
+    chords that stay within `$12` of it. A homed axis is at its place to a step. A machine whose `$795` changes stands at\n\
+    another position: home it.\n";
+
+/// What resolution and speed must not be together, and where that is from.
+fn step_rates() -> String {
+    let proven = match proven::committed() {
+        StepRate::Proven(hz) => format!(
+            "The firmware of the emulated board with {AXES} axes is proven for {} steps per second \
+             ([{}]({})).",
+            separated(hz.into()),
+            proven::REPORT,
+            proven::REPORT.trim_start_matches("docs/"),
+        ),
+        StepRate::Unproven => "No rate is proven yet.".into(),
+    };
+    format!(
+        "\n## The step rate\n\n\
+         A resolution times a largest speed, `$100` × `$110` / 60 and so on, is how many steps a second an axis\n\
+         may be asked for. `cargo xtask build` analyses each image that it has built for the highest rate,\n\
+         all axes together, at which every task meets its deadline at {BAUD} baud, and writes it into the\n\
+         image, in whole thousands. {proven} `$I` shows the rate of the\n\
+         firmware that runs. An image of which nothing is proven says so and keeps to {} steps per second.\n\n\
+         More for an axis than that, or than the step pulse `$0` leaves room for, is `error:12`. A move of\n\
+         several axes that together would make more is made more slowly. So is every move where settings\n\
+         that were stored earlier, or by another firmware, ask for more.\n",
+        separated(StepRate::UNPROVEN_HZ.into()),
+    )
+}
+
+/// `$781`: the values depend on the number of axes.
+const EXTRUDER_AXIS: u16 = 781;
+
+/// The values that a setting can have.
+fn values(setting: &Setting) -> String {
+    let kind = &setting.row.kind;
+    match (kind.data_type(), kind.range()) {
+        (DataType::Integer, _) if matches!(kind, Kind::Byte { .. }) => accepted_bytes(setting),
+        (DataType::Boolean, _) => "0 or 1".into(),
+        (DataType::Bits, _) => {
+            let bits = kind.format().split(',').enumerate();
+            let bits: Vec<_> = bits
+                .map(|(bit, name)| format!("{} {name}", 1 << bit))
+                .collect();
+            format!("sum of {}", bits.join(", ").to_lowercase())
+        }
+        (DataType::AxisMask, _) => "sum of 1 X, 2 Y, 4 Z, 8 A, 16 B, 32 C".into(),
+        (_, Some(range)) => {
+            let decimals = range.decimals;
+            format!("{:.decimals$} to {:.decimals$}", range.least, range.most)
+        }
+        (_, None) => String::new(),
+    }
+}
+
+/// The values of a byte that a machine with default settings accepts, in words.
+fn accepted_bytes(setting: &Setting) -> String {
+    if setting.number() == EXTRUDER_AXIS {
+        return "0, or 4 to the number of axes".into();
+    }
+    let is_accepted = |value: &u8| {
+        let statement = format!("{}={value}", setting.number());
+        assign(&mut Settings::default(), statement.as_bytes()).is_ok()
+    };
+    let accepted: Vec<u8> = (0..=u8::MAX).filter(is_accepted).collect();
+    match *accepted.as_slice() {
+        [] => String::new(),
+        [only] => only.to_string(),
+        [least, .., most] if accepted.len() > 2 && accepted.iter().copied().eq(least..=most) => {
+            format!("{least} to {most}")
+        }
+        [ref others @ .., last] => {
+            let others: Vec<_> = others.iter().map(u8::to_string).collect();
+            format!("{} or {last}", others.join(", "))
+        }
+    }
+}
+
+fn shown(value: Value, decimals: usize) -> String {
+    match value {
+        Value::Whole(whole) => whole.to_string(),
+        Value::Number(number) => format!("{number:.decimals$}"),
+        Value::Millionths(millionths) => format!("{:.3}", millionths as f64 / 1.0e6),
+    }
+}
+
+fn codes_table() -> Result<String> {
+    let mut text = String::from(
+        "# G-codes\n\n\
+         Made from the table in `src/gcode/codes.rs` by `cargo xtask docs`; every line in it is executed by a \
+         test.\n\n\
+         A line may have one code of each modal group. \"axes\" are words like `X10`; words in brackets may be\n\
+         left out. Under \"refused\" are lines with the error that they get ([what they mean](errors.md)). Words\n\
+         without a code: `F` feed, `S` spindle speed, `T` tool, `N` line number. `%` alone in a line, `O1234` and\n\
+         `:1234` do nothing.\n",
+    );
+    for group in CodeGroup::ALL {
+        let name = group.name();
+        write!(
+            text,
+            "\n## {name}\n\n| code | what it does | words | example | refused |\n|---|---|---|---|---|\n"
+        )?;
+        for row in CODES.iter().filter(|row| row.group == group) {
+            let example = row.example.join("`, `");
+            let refused = row.refused.iter();
+            let refused = refused.map(|(line, error)| format!("`{line}` {}", error.number()));
+            let refused = refused.collect::<Vec<_>>().join(", ");
+            writeln!(
+                text,
+                "| `{}` | {} | {} | `{example}` | {refused} |",
+                row.code, row.text, row.words
+            )?;
+        }
+    }
+    Ok(text)
+}
+
+fn errors_table() -> Result<String> {
+    let mut text = String::from(
+        "# Errors and alarms\n\n\
+         Made from the code by `cargo xtask docs`; `$EE` and `$EA` send the same to programs.\n\n\
+         ## `error:N`\n\n\
+         The line had no effect at all.\n\n| N | what |\n|---|---|\n",
+    );
+    for error in LineError::ALL {
+        writeln!(text, "| {} | {} |", error.number(), error.text())?;
+    }
+    text.push_str("\n## `ALARM:N`\n\n| N | what |\n|---|---|\n");
+    for alarm in Alarm::ALL {
+        writeln!(text, "| {} | {} |", alarm.number(), alarm.text())?;
+    }
+    Ok(text)
+}

@@ -1,0 +1,100 @@
+//! Tables of boards within documents: each stands between two comments.
+
+use std::{fmt::Write as _, fs};
+
+use anyhow::{Context, Result};
+use board_data::Board;
+use common::{cargo, text::separated};
+use firmware::boards::rates;
+
+/// A table that is made, and the document that it stands in.
+pub(crate) struct Table {
+    /// The document, from the project's root.
+    pub(crate) path: &'static str,
+    /// The name in the comments.
+    name: &'static str,
+    make: fn(&[Board]) -> Result<String>,
+}
+
+/// Every table.
+pub(crate) const TABLES: [Table; 2] = [
+    Table {
+        path: "README.md",
+        name: "boards",
+        make: notes,
+    },
+    Table {
+        path: "docs/boards.md",
+        name: "rates",
+        make: step_rates,
+    },
+];
+
+impl Table {
+    /// Returns the document with the table as it has to be.
+    pub(crate) fn document(&self) -> Result<String> {
+        let document = fs::read_to_string(cargo::root().join(self.path))
+            .with_context(|| format!("cannot read {}", self.path))?;
+        let table = (self.make)(&Board::all(cargo::root())?)?;
+        replaced(&document, self.name, &table)
+            .with_context(|| format!("{} has no place for the table {}", self.path, self.name))
+    }
+}
+
+/// Returns a document with a table between the comments of its name.
+fn replaced(document: &str, name: &str, table: &str) -> Option<String> {
+    let begin = format!("<!-- {name}: made by `cargo xtask docs` -->\n");
+    let (before, rest) = document.split_once(&begin)?;
+    let end = format!("<!-- end of {name} -->\n");
+    let (_, after) = rest.split_once(&end)?;
+    Some(format!("{before}{begin}\n{table}\n{end}{after}"))
+}
+
+/// The boards, with what a user wants to know of each.
+fn notes(boards: &[Board]) -> Result<String> {
+    let mut text = String::from("| board | `--board` | notes |\n|---|---|---|\n");
+    for board in boards {
+        writeln!(
+            text,
+            "| {} | `{}` | {} |",
+            board.title, board.name, board.about
+        )?;
+    }
+    Ok(text)
+}
+
+/// The step rates that are proven for each board.
+fn step_rates(boards: &[Board]) -> Result<String> {
+    let rates = rates::read()?;
+    let mut text = String::from(
+        "| board | `--board` | 3 axes | 4 axes | 5 axes | 6 axes |\n|---|---|---|---|---|---|\n",
+    );
+    for board in boards {
+        write!(text, "| {} | `{}` |", board.title, board.name)?;
+        let of_board = rates.get(&board.name).map_or(&[][..], Vec::as_slice);
+        for axes in 3..=6 {
+            let rate = match of_board.get(axes - 3) {
+                _ if axes > board.most_axes() => "no pins".into(),
+                None => "not computed".into(),
+                Some(0) => "not proven".into(),
+                Some(&rate) => separated(rate.into()),
+            };
+            write!(text, " {rate} |")?;
+        }
+        text.push('\n');
+    }
+    Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_stands_between_its_comments() {
+        let document = "a\n<!-- t: made by `cargo xtask docs` -->\n\nold\n\n<!-- end of t -->\nb\n";
+        let new = replaced(document, "t", "new\n").unwrap();
+        assert_eq!(new, document.replace("old", "new"));
+        assert_eq!(replaced(document, "u", "new\n"), None);
+    }
+}

@@ -1,0 +1,174 @@
+//! `cargo xtask view`: a job as a page to look at.
+
+use std::{
+    env,
+    ffi::OsStr,
+    io::Write as _,
+    os::unix::net::UnixStream,
+    path::{Path, PathBuf},
+    process::{Command, ExitCode, Stdio},
+};
+
+use anstream::println;
+use anyhow::{Context, Result, bail};
+use clap::Parser;
+use common::{
+    text::{self, duration, separated},
+    ui,
+};
+use leadscrew::sim::Simulator;
+use pages::{page, picture};
+use simulation::Recording;
+use simulation::{
+    interrupt,
+    machine::SwitchPositions,
+    output::{self, Output},
+    play::{self, Run},
+    program::Program,
+    settings, summary,
+};
+use tempfile::TempDir;
+
+/// Show a G-code program as a page: its path, its speeds and its time
+///
+/// The program runs on the virtual machine as with `cargo xtask sim`, and everything that it does goes into
+/// one HTML file, which needs nothing else: no network, no other program than a browser. The browser is
+/// opened, unless the file is named with -o. The exit status is 1 when a line was refused or an alarm rose.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask view", styles = ui::STYLES, max_term_width = 100, version)]
+#[command(after_help = ui::AXES)]
+struct Options {
+    /// The program; `-` is standard input
+    file: PathBuf,
+    /// Change a setting, as '$110=5000'; repeatable
+    #[arg(long, value_name = "$N=VALUE")]
+    set: Vec<String>,
+    /// Read settings from a file of $n=value lines
+    #[arg(long, value_name = "FILE")]
+    settings: Option<PathBuf>,
+    /// Give the machine limit switches at the ends of its travel, in whose middle it stands, and a
+    /// probe plate 10 mm above the low end of Z
+    #[arg(long)]
+    switches: bool,
+    /// Where to write the page, instead of a temporary folder
+    #[arg(short, long, value_name = "OUT.html")]
+    output: Option<PathBuf>,
+    /// Draw a picture that moves, for documents, instead of the page
+    #[arg(long, value_name = "OUT.svg", conflicts_with = "output")]
+    picture: Option<PathBuf>,
+    /// Do not open the browser
+    #[arg(long)]
+    no_open: bool,
+}
+
+fn main() -> ExitCode {
+    let options = Options::parse();
+    common::main(|| run(&options))
+}
+
+fn run(options: &Options) -> Result<ExitCode> {
+    let loaded = settings::load(options.settings.as_deref(), &options.set)?;
+    let program = Program::open(&options.file)?;
+    let name = match options.file.file_name() {
+        Some(name) if options.file != Path::new("-") => name,
+        _ => OsStr::new("standard input"),
+    };
+    let name = name.to_string_lossy();
+    let named = options.output.as_ref().or(options.picture.as_ref());
+    let stop = interrupt::interruptions()?;
+    let folder = named.is_none().then(temporary).transpose()?;
+    let path = match (named, &folder) {
+        (Some(path), _) => path.clone(),
+        (None, Some(folder)) => folder.path().join(page_name(&name)),
+        (None, None) => bail!("no file is named"),
+    };
+    let mut output = Output::create(&path)?;
+    remove_when(stop, &output, folder.as_ref());
+    let mut simulator = Box::new(Simulator::new(&loaded.settings));
+    if options.switches {
+        SwitchPositions::of(&loaded.settings).mount_on(&mut simulator);
+    }
+    play::unlock(&mut simulator);
+    let mut recording = Recording::new(simulator.session());
+    let run = Run {
+        bar: output::progress(program.length(), "bytes"),
+        prints: true,
+        recorder: &mut recording,
+    };
+    let figures = play::stream(program, &mut simulator, run)?;
+    if figures.lines == 0 {
+        ui::warning(&format!("{name} is empty"));
+    }
+    summary::print_refusals(&figures.refusals);
+    let is_clean = figures.is_clean();
+    text::row("motion time", &duration(figures.whole_time_s()));
+    if let Some(parts) = figures.times.text() {
+        text::row("of it", &parts);
+    }
+    let job = recording.finish(&figures, &name, &loaded.settings);
+    let (what, page) = match &options.picture {
+        Some(_) => ("picture", picture::draw(&job)),
+        None => ("page", page::write(&job)),
+    };
+    output
+        .write_all(page.as_bytes())
+        .with_context(|| format!("cannot write the {what}"))?;
+    output.finish()?;
+    folder.map(TempDir::keep);
+    let (size, pieces) = (page.len() as u64, job.path.vertices as u64);
+    println!(
+        "{what:>16}  {} bytes, {} points: {}",
+        separated(size),
+        separated(pieces),
+        path.display()
+    );
+    if named.is_none() && !options.no_open {
+        open(&path);
+    }
+    Ok(ExitCode::from(u8::from(!is_clean)))
+}
+
+/// Where a page lies that nobody has named: in a folder of its own, so that nobody else has put it there.
+fn temporary() -> Result<TempDir> {
+    tempfile::Builder::new()
+        .prefix("leadscrew-view-")
+        .tempdir()
+        .context("cannot make a temporary folder")
+}
+
+/// Has Ctrl-C leave neither a page that is half written nor the folder for it.
+fn remove_when(stop: UnixStream, output: &Output, folder: Option<&TempDir>) {
+    let folder = folder.map(|folder| folder.path().to_owned());
+    interrupt::remove_when(stop, output.partial().into_iter().chain(folder).collect());
+}
+
+/// The file of the page of a program.
+fn page_name(program: &str) -> String {
+    let stem = program.replace(
+        |letter: char| !letter.is_ascii_alphanumeric() && letter != '.',
+        "-",
+    );
+    format!("{stem}.html")
+}
+
+/// Opens the browser, as the desktop does.
+fn open(path: &Path) {
+    let program = match env::var_os("BROWSER") {
+        Some(browser) => browser,
+        None if cfg!(target_os = "macos") => "open".into(),
+        None => "xdg-open".into(),
+    };
+    let started = Command::new(&program)
+        .arg(path)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn();
+    match started {
+        Ok(_) => ui::status("Opening", &path.display().to_string()),
+        Err(_) => ui::warning(&format!(
+            "{} cannot be started: open the page yourself",
+            program.display()
+        )),
+    }
+}

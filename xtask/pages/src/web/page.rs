@@ -1,0 +1,62 @@
+//! The page: one file with everything in it, and nothing that is fetched.
+
+use crate::{pack::packed, page::filled};
+
+/// What a browser may do with the page: run what is in it, also in a thread of its own, show a job in a frame
+/// of its own, and ask nobody for anything.
+const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; \
+    style-src 'unsafe-inline'; worker-src blob:; frame-src blob:; img-src data:; connect-src 'none'; \
+    base-uri 'none'; form-action 'none'";
+
+const FRAME: &str = include_str!("page/web.html");
+const STYLE: &str = include_str!("page/web.css");
+/// What runs in the thread for jobs.
+const WORKER: &str = include_str!("page/worker.js");
+const SCRIPT: &str = include_str!("page/web.js");
+
+/// Returns the page with the code of the machine, which is proven for a step rate; 0: for none.
+pub fn write(wasm: &[u8], rate_hz: u32) -> String {
+    let parts = [
+        ("POLICY", POLICY.into()),
+        ("STYLE", STYLE.into()),
+        ("WASM", packed(wasm)),
+        ("WORKER", WORKER.into()),
+        ("RATE", rate_hz.to_string()),
+        ("SCRIPT", SCRIPT.into()),
+    ];
+    filled(FRAME, &parts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_names_no_address_and_forbids_every_request() {
+        let page = write(b"\0asm", 190_000);
+        for part in [
+            "http:",
+            "https:",
+            "://",
+            "url(",
+            "import(",
+            "@import",
+            "fetch(",
+            "src=",
+            "XMLHttpRequest",
+            "WebSocket",
+        ] {
+            assert!(!page.contains(part), "{part}");
+        }
+        assert!(page.contains("default-src 'none'") && page.contains("connect-src 'none'"));
+        assert!(!page.contains("{{"));
+    }
+
+    #[test]
+    fn no_script_ends_early() {
+        let page = write(b"\0asm", 190_000);
+        assert_eq!(page.matches("<script").count(), 3);
+        assert_eq!(page.matches("</script>").count(), 3);
+        assert!(page.contains("data-rate=\"190000\""));
+    }
+}

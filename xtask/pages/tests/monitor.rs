@@ -1,0 +1,433 @@
+//! The command as it is typed: at the simulator, and at machines that are none.
+
+use std::{
+    fs,
+    io::{BufRead as _, BufReader, Read as _, Write as _},
+    net::{TcpListener, TcpStream},
+    path::Path,
+    process::{Child, ChildStderr, Command, Stdio},
+    sync::mpsc::{Sender, TryRecvError, channel},
+    thread,
+};
+
+use rustix::process::{Pid, Signal};
+use serde_json::Value;
+use simulation::pty::Pty;
+use tempfile::tempdir;
+
+const REPORT: &[u8] = b"<Idle|MPos:1.000,2.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n";
+
+fn root() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+}
+
+/// The monitor, and what it says.
+struct Monitor {
+    process: Child,
+    messages: BufReader<ChildStderr>,
+    said: String,
+}
+
+impl Monitor {
+    fn start(arguments: &[&str]) -> Self {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_monitor"))
+            .args(arguments)
+            .current_dir(root())
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let messages = BufReader::new(process.stderr.take().unwrap());
+        Self {
+            process,
+            messages,
+            said: String::new(),
+        }
+    }
+
+    /// Waits until the page is there, and returns its address.
+    fn address(&mut self) -> String {
+        loop {
+            let mut line = String::new();
+            let length = self.messages.read_line(&mut line).unwrap();
+            assert!(length > 0, "{}", self.said);
+            self.said += &line;
+            if let Some((_, behind)) = line.split_once("http://") {
+                return behind.split('/').next().unwrap().into();
+            }
+        }
+    }
+
+    fn interrupt(&self) {
+        let id = Pid::from_raw(self.process.id().cast_signed()).unwrap();
+        rustix::process::kill_process(id, Signal::INT).unwrap();
+    }
+
+    /// Waits for the end: the exit status, and everything said.
+    fn end(mut self) -> (Option<i32>, String) {
+        self.messages.read_to_string(&mut self.said).unwrap();
+        let status = self.process.wait().unwrap();
+        (status.code(), self.said)
+    }
+}
+
+/// Asks for a page. Returns what is answered.
+fn get(address: &str, path: &str, host: &str) -> BufReader<TcpStream> {
+    let mut stream = TcpStream::connect(address).unwrap();
+    write!(
+        stream,
+        "GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"
+    )
+    .unwrap();
+    BufReader::new(stream)
+}
+
+fn head(address: &str, path: &str, host: &str) -> String {
+    let lines = get(address, path, host).lines().map(Result::unwrap);
+    let head: Vec<_> = lines.take_while(|line| !line.is_empty()).collect();
+    head.join("\n")
+}
+
+/// The events of a page, to the last one.
+fn events(address: &str) -> impl Iterator<Item = Value> {
+    let lines = get(address, "/events", address)
+        .lines()
+        .map_while(Result::ok);
+    lines.filter_map(|line| serde_json::from_str(line.strip_prefix("data: ")?).ok())
+}
+
+/// The page is there, for this computer alone, and refuses what comes from elsewhere.
+fn check_pages(address: &str) {
+    let page = head(address, "/", address);
+    assert!(page.starts_with("HTTP/1.1 200"), "{page}");
+    assert!(page.contains("default-src 'none'"), "{page}");
+    for (path, host, status) in [
+        ("/page.js", address, "200"),
+        ("/page.css", "localhost:1", "200"),
+        ("/favicon.ico", address, "204"),
+        ("/etc/passwd", address, "404"),
+        ("/", "elsewhere.example", "403"),
+        ("/events", "elsewhere.example", "403"),
+    ] {
+        let head = head(address, path, host);
+        assert!(
+            head.starts_with(&format!("HTTP/1.1 {status}")),
+            "{path}: {head}"
+        );
+    }
+}
+
+#[test]
+fn the_experiment_is_shown_from_its_begin_to_its_end() {
+    let folder = tempdir().unwrap();
+    let picture = folder.path().join("out.svg");
+    let picture = picture.to_str().unwrap();
+    let mut monitor = Monitor::start(&[
+        "examples/pico.nc",
+        "--sim",
+        "--settings",
+        "examples/pico.settings",
+        "--svg",
+        picture,
+    ]);
+    let address = monitor.address();
+    check_pages(&address);
+    let (mut points, mut all, mut last) = (Vec::new(), 0, Value::Null);
+    for (number, event) in events(&address).enumerate() {
+        if number == 50 {
+            // The page is loaded again in the middle: it gets everything.
+            let again = events(&address).next().unwrap();
+            assert_eq!(again["is_all"], true);
+            assert!(again["path"].as_array().unwrap().len() >= points.len());
+        }
+        if event["is_all"] == true {
+            points.clear();
+            all += 1;
+        }
+        points.extend(event["path"].as_array().unwrap().iter().cloned());
+        last = event;
+    }
+    assert_eq!(all, 1);
+    assert_eq!(
+        (&last["is_over"], &last["unit"]),
+        (&Value::Bool(true), &"mm".into())
+    );
+    assert_eq!(last["now"]["at"], serde_json::json!([0.0, 0.0, 0.0]));
+    assert_eq!(last["now"]["state"], "Idle");
+    assert_eq!(last["now"]["lines"], 8);
+    assert!(points.len() > 9000, "{}", points.len());
+    for (axis, value) in [("low", -800.0), ("high", 800.0)] {
+        for letter in 0..2 {
+            let extent = last["now"]["extents"][axis][letter].as_f64().unwrap();
+            assert!((extent - value).abs() <= 1.0, "{axis} {letter}: {extent}");
+        }
+    }
+    let (status, said) = monitor.end();
+    assert_eq!(status, Some(0), "{said}");
+    let drawn = fs::read_to_string(picture).unwrap();
+    assert!(
+        drawn.contains("X -800 to 800 mm, Y -800 to 800 mm"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_job_that_is_interrupted_has_not_succeeded() {
+    let mut monitor = Monitor::start(&["examples/plate.nc", "--sim"]);
+    let address = monitor.address();
+    let is_in_motion = |event: &Value| event["now"]["state"] == "Run";
+    assert!(events(&address).any(|event| is_in_motion(&event)));
+    monitor.interrupt();
+    let (status, said) = monitor.end();
+    assert_eq!(status, Some(1), "{said}");
+    assert!(
+        said.contains("interrupted, and the machine is held"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_sender_reaches_the_machine_through_the_link() {
+    let folder = tempdir().unwrap();
+    let link = folder.path().join("tty");
+    let mut monitor = Monitor::start(&[
+        "--sim",
+        "--set",
+        "$110=6000",
+        "--link",
+        link.to_str().unwrap(),
+    ]);
+    let address = monitor.address();
+    let mut sender = fs::File::options()
+        .read(true)
+        .write(true)
+        .open(&link)
+        .unwrap();
+    let mut lines = BufReader::new(sender.try_clone().unwrap())
+        .lines()
+        .map(Result::unwrap);
+    for line in ["G91", "G1 X1 F6000", "$G", "M999"] {
+        writeln!(sender, "{line}").unwrap();
+    }
+    let heard: Vec<_> = lines.by_ref().take(5).collect();
+    let parser = "[GC:G1 G54 G17 G21 G91 G94 M5 M9 T0 F6000 S0]";
+    assert_eq!(heard, ["ok", "ok", parser, "ok", "error:23"]);
+    write!(sender, "?").unwrap();
+    assert!(lines.next().unwrap().starts_with('<'));
+    // Nothing of what the monitor asks for is among it.
+    let mut events = events(&address);
+    assert!(events.any(|event| event["now"]["at"] == serde_json::json!([1.0, 0.0, 0.0])));
+    writeln!(sender, "G1 X1").unwrap();
+    assert!(events.any(|event| event["now"]["at"] == serde_json::json!([2.0, 0.0, 0.0])));
+    assert_eq!(lines.next().unwrap(), "ok");
+    monitor.interrupt();
+    let (status, said) = monitor.end();
+    assert_eq!(status, Some(0), "{said}");
+    assert!(said.contains("X 0 to 2 mm"), "{said}");
+    assert!(fs::symlink_metadata(&link).is_err());
+}
+
+/// The whole of a file that is served.
+fn body(address: &str, path: &str) -> Value {
+    let mut text = String::new();
+    get(address, path, address)
+        .read_to_string(&mut text)
+        .unwrap();
+    serde_json::from_str(text.split_once("\r\n\r\n").unwrap().1).unwrap()
+}
+
+#[test]
+fn a_job_that_a_sender_sends_is_known_from_its_begin_to_its_end() {
+    let folder = tempdir().unwrap();
+    let [link, program] = ["tty", "job.nc"].map(|name| folder.path().join(name));
+    let lines = ["G0 X50 Y5", "G1 Z-2 F1200", "G1 X100 F1200", "G0 Z1"];
+    fs::write(&program, lines.join("\n")).unwrap();
+    let mut monitor = Monitor::start(&[
+        "--sim",
+        "--program",
+        program.to_str().unwrap(),
+        "--set",
+        "$120=500",
+        "--link",
+        link.to_str().unwrap(),
+    ]);
+    let address = monitor.address();
+    let facts = body(&address, "/job.json");
+    assert_eq!(
+        (&facts["title"], &facts["lines"]),
+        (&"job.nc".into(), &4.into())
+    );
+    assert!(head(&address, "/job.path", &address).starts_with("HTTP/1.1 200"));
+    let mut sender = fs::File::options().write(true).open(&link).unwrap();
+    for line in lines {
+        writeln!(sender, "{line}").unwrap();
+    }
+    let (mut most, mut seen) = (0.0_f64, std::collections::BTreeSet::new());
+    let is_done = |event: Value| {
+        let job = event["now"]["job"].clone();
+        let number = |name: &str| job[name].as_f64().unwrap_or(-1.0);
+        // It never jumps back, as nothing is cut twice here.
+        assert!(number("time_s") >= most - 0.05, "{job} after {most}");
+        most = most.max(number("time_s"));
+        seen.extend(job["line"].as_u64());
+        number("left_s") == 0.0 && event["now"]["state"] == "Idle"
+    };
+    assert!(events(&address).any(is_done));
+    assert!(seen.contains(&1) && seen.contains(&3), "{seen:?}");
+    monitor.interrupt();
+    let (status, said) = monitor.end();
+    assert_eq!(status, Some(0), "{said}");
+    // Nothing is known of what nobody names.
+    let mut monitor = Monitor::start(&["--sim"]);
+    assert_eq!(body(&monitor.address(), "/job.json"), Value::Null);
+    monitor.interrupt();
+    monitor.end();
+}
+
+#[test]
+fn the_job_of_a_machine_in_motion_begins_at_its_work_zero() {
+    let folder = tempdir().unwrap();
+    let [program, settings] = ["job.nc", "of.settings"].map(|name| folder.path().join(name));
+    fs::write(&program, "G1 X3 F60\n").unwrap();
+    fs::write(&settings, "$100=100\n").unwrap();
+    let report = b"<Run|MPos:41.000,2.000,0.000|FS:60,0|WCO:40.000,2.000,0.000>\r\n";
+    let (address, switch) = machine(report);
+    let mut monitor = Monitor::start(&[
+        "--tcp",
+        &address,
+        "--program",
+        program.to_str().unwrap(),
+        "--settings",
+        settings.to_str().unwrap(),
+    ]);
+    let page = monitor.address();
+    let mut events = events(&page);
+    assert!(events.any(|event| event["now"]["job"] != Value::Null));
+    drop(switch);
+    let last = events.last().unwrap();
+    let job = &last["now"]["job"];
+    assert_eq!(job["is_on_path"], true, "{last}");
+    assert_eq!(job["line"], 1, "{last}");
+    monitor.end();
+}
+
+/// A machine that is none: it says the same to each `?`, and is gone when its switch is dropped.
+fn machine(answer: &'static [u8]) -> (String, Sender<()>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let (switch, is_on) = channel();
+    thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let mut byte = [0];
+        while is_on.try_recv() == Err(TryRecvError::Empty) {
+            while stream.read(&mut byte).is_ok_and(|length| length == 1) && byte != *b"?" {
+                if byte == *b"$" {
+                    let _ = stream.write_all(b"$100=10.000\r\n$101=10.000\r\nok\r\n");
+                }
+            }
+            if stream.write_all(answer).is_err() {
+                return;
+            }
+        }
+    });
+    (address, switch)
+}
+
+#[test]
+fn any_machine_is_shown_by_its_reports_until_it_goes() {
+    let (address, switch) = machine(REPORT);
+    let mut monitor = Monitor::start(&["--tcp", &address]);
+    let page = monitor.address();
+    let mut events = events(&page);
+    let first = events.next().unwrap();
+    drop(switch);
+    let last = events.last().unwrap_or(first);
+    assert_eq!(
+        last["now"]["machine_mm"],
+        serde_json::json!([1.0, 2.0, 0.0])
+    );
+    assert_eq!(last["unit"], "mm");
+    let (status, said) = monitor.end();
+    assert_eq!(status, Some(1));
+    assert!(said.contains(&format!("{address} has gone")), "{said}");
+}
+
+#[test]
+fn what_is_no_grbl_is_told() {
+    let busy = b"[MSG:In use by process 7 (bCNC)]\r\n";
+    for (answer, said) in [
+        (&b""[..], "has not answered as Grbl does"),
+        (b"T:20.0 /0.0\n", "has not answered as Grbl does"),
+        (busy, "is in use by process 7 (bCNC)"),
+    ] {
+        let (address, _switch) = machine(answer);
+        let (status, heard) = Monitor::start(&["--tcp", &address]).end();
+        assert_eq!(status, Some(1));
+        assert!(heard.contains(said), "{heard}");
+    }
+}
+
+#[test]
+fn a_port_has_one_monitor_and_may_be_unplugged() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("tty");
+    let (pty, link) = Pty::at(&path).unwrap();
+    let path = path.to_str().unwrap();
+    let mut first = Monitor::start(&["--port", path]);
+    // The machine answers until the first monitor shows it.
+    let (ready, is_ready) = channel();
+    let board = thread::spawn(move || {
+        let mut bytes = [0; 64];
+        while is_ready.try_recv().is_err() {
+            let length = rustix::io::read(pty.controller(), &mut bytes).unwrap_or(0);
+            for byte in &bytes[..length] {
+                let answer = match byte {
+                    b'?' => REPORT,
+                    b'\n' => b"ok\r\n",
+                    _ => b"",
+                };
+                let _ = rustix::io::write(pty.controller(), answer);
+            }
+            thread::yield_now();
+        }
+    });
+    first.address();
+    let (status, said) = Monitor::start(&["--port", path]).end();
+    assert_eq!(status, Some(1));
+    assert!(said.contains("is open in another program"), "{said}");
+    ready.send(()).unwrap();
+    board.join().unwrap();
+    let (status, said) = first.end();
+    assert_eq!(status, Some(1));
+    assert!(said.contains(&format!("{path} has gone")), "{said}");
+    drop(link);
+}
+
+#[test]
+fn what_cannot_be_had_is_told_at_once() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let taken = listener.local_addr().unwrap().to_string();
+    let (address, _switch) = machine(REPORT);
+    let (status, said) = Monitor::start(&["--tcp", &address, "--http", &taken]).end();
+    assert_eq!(status, Some(1));
+    assert!(said.contains("cannot serve the page"), "{said}");
+    for (arguments, what) in [
+        (
+            ["--port", "/dev/no-such-port"],
+            "there is no /dev/no-such-port",
+        ),
+        (["--tcp", "nowhere"], "is no address"),
+        (["--sim", "no-such.nc"], "no-such.nc"),
+        (["--sim", "--program=no-such.nc"], "no-such.nc"),
+        (["--sim", "--svg=/no/out.svg"], "cannot create /no/out.svg"),
+        (["--sim", "--set=$110=x"], "is no number"),
+    ] {
+        let (status, said) = Monitor::start(&arguments).end();
+        assert_eq!(status, Some(1));
+        assert!(
+            said.contains(what) && said.matches("error: ").count() == 1,
+            "{said}"
+        );
+    }
+}

@@ -1,0 +1,382 @@
+//! A job that is sent: what is sent when, what the machine's lines mean, and what the operator's keys do.
+//!
+//! Pure: bytes and keys go in, bytes and notes come out, and the caller owns line, clock and screen.
+
+use std::mem;
+
+use leadscrew::model::Alarm;
+use simulation::sender::{Answered, Received, Response, Sender};
+
+use crate::{
+    machine::{HOLD, REPORT, RESET, meaning},
+    manual_lines::ManualLines,
+    status::Status,
+};
+
+/// Waits until everything is done: a dwell is answered at its end.
+const LAST: &[u8] = b"G4 P0.01";
+
+/// What the operator wants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Key {
+    /// Feed hold.
+    Hold,
+    /// Cycle start.
+    Resume,
+    /// The end of the job.
+    Stop,
+    /// Lines by hand, during a change of the tool.
+    ManualLines,
+    /// One of the other realtime bytes.
+    Realtime(u8),
+}
+
+/// The keys, in the order in which they are shown, and what they ask for.
+pub(crate) const KEYS: [(u8, Key); 13] = [
+    (b'h', Key::Hold),
+    (b'r', Key::Resume),
+    (b'q', Key::Stop),
+    (b't', Key::ManualLines),
+    // Feed: 10 % more, 10 % less, as programmed.
+    (b'+', Key::Realtime(0x91)),
+    (b'-', Key::Realtime(0x92)),
+    (b'0', Key::Realtime(0x90)),
+    // Rapids: full, a half, a quarter.
+    (b'f', Key::Realtime(0x95)),
+    (b'm', Key::Realtime(0x96)),
+    (b'l', Key::Realtime(0x97)),
+    // Spindle: 10 % more, 10 % less.
+    (b'S', Key::Realtime(0x9a)),
+    (b's', Key::Realtime(0x9b)),
+    // Flood coolant on and off.
+    (b'c', Key::Realtime(0xa0)),
+];
+
+impl Key {
+    /// The key of a byte.
+    pub(crate) fn of(byte: u8) -> Option<Self> {
+        let byte = match byte {
+            b'!' | b' ' | b'H' => b'h',
+            b'~' | b'R' | b'\n' | b'\r' => b'r',
+            b'Q' => b'q',
+            byte => byte,
+        };
+        KEYS.iter()
+            .find(|(key, _)| *key == byte)
+            .map(|(_, key)| *key)
+    }
+}
+
+/// Where a job is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Phase {
+    /// Lines are sent.
+    Running,
+    /// It is being stopped for a reason: when the machine is at rest, it is reset.
+    Stopping(String),
+    /// The reset is not answered yet.
+    Resetting(String),
+    /// Everything has been carried out.
+    Done,
+    /// It has ended for a reason.
+    Failed(String),
+}
+
+/// A job.
+pub(crate) struct Job {
+    /// What is to be sent, first the lines of the approach.
+    lines: Vec<Vec<u8>>,
+    approach: usize,
+    /// The line of the program behind the approach, counted from 0.
+    first: usize,
+    next: usize,
+    sender: Sender,
+    pub(crate) phase: Phase,
+    pub(crate) status: Status,
+    /// The operator has asked for a hold.
+    is_hold_asked: bool,
+    /// That the machine waits has been told.
+    is_wait_told: bool,
+    /// What the operator types during a change of the tool.
+    pub(crate) manual_lines: ManualLines,
+    /// Lines that were answered before a change of the tool in which the operator has set an offset.
+    pub(crate) measured: Option<usize>,
+    /// Somebody can press a key.
+    pub(crate) has_operator: bool,
+    /// A refused line does not end the job.
+    goes_on: bool,
+    /// The dwell at the end has been sent.
+    is_last_sent: bool,
+    output: Vec<u8>,
+    notes: Vec<String>,
+    /// The machine's last message.
+    message: String,
+}
+
+impl Job {
+    /// A program from a line on, counted from 0, behind an approach.
+    pub(crate) fn new(
+        approach: &[String],
+        program: &[Vec<u8>],
+        first: usize,
+        goes_on: bool,
+    ) -> Self {
+        let before = approach.iter().map(|line| line.as_bytes().to_vec());
+        Self {
+            lines: before.chain(program[first..].iter().cloned()).collect(),
+            approach: approach.len(),
+            first,
+            next: 0,
+            sender: Sender::default(),
+            phase: Phase::Running,
+            status: Status::default(),
+            is_hold_asked: false,
+            is_wait_told: false,
+            manual_lines: ManualLines::default(),
+            measured: None,
+            has_operator: true,
+            goes_on,
+            is_last_sent: false,
+            output: Vec::new(),
+            notes: Vec::new(),
+            message: String::new(),
+        }
+    }
+
+    /// Lines of the program that have been answered, with those before the first.
+    pub(crate) fn answered(&self) -> usize {
+        let answered = (self.sender.answered() as usize).min(self.lines.len());
+        self.first + answered.saturating_sub(self.approach)
+    }
+
+    /// Takes the bytes that are to be sent now.
+    pub(crate) fn take_output(&mut self) -> Vec<u8> {
+        if self.phase == Phase::Running {
+            self.fill();
+        }
+        mem::take(&mut self.output)
+    }
+
+    /// Takes what the operator is to read.
+    pub(crate) fn take_notes(&mut self) -> Vec<String> {
+        mem::take(&mut self.notes)
+    }
+
+    /// Asks for a report.
+    pub(crate) fn ask(&mut self) {
+        self.output.push(REPORT);
+    }
+
+    /// Sends what the machine has room for.
+    fn fill(&mut self) {
+        if self.manual_lines.is_on() {
+            return;
+        }
+        while let Some(line) = self.lines.get(self.next) {
+            if !self.sender.may_send(line) {
+                return;
+            }
+            self.output.extend(line);
+            self.output.push(b'\n');
+            self.sender.send(line.clone());
+            self.next += 1;
+        }
+        if !self.is_last_sent && self.sender.is_done() {
+            self.is_last_sent = true;
+            self.output.extend(LAST);
+            self.output.push(b'\n');
+            self.sender.send(LAST.to_vec());
+        }
+    }
+
+    /// Takes a line of the machine.
+    pub(crate) fn receive(&mut self, line: &str) {
+        if self.status.read(line) {
+            let note = self.manual_lines.report(&self.status.state);
+            self.notes.extend(note.map(str::to_owned));
+            self.look();
+        } else if let Some(note) = self.manual_lines.answer(line) {
+            self.notes.push(note);
+        } else if let Some(number) = line.strip_prefix("ALARM:") {
+            self.alarm(number);
+        } else if line.starts_with("Grbl") {
+            self.welcome();
+        } else {
+            // Lines that a reset has interrupted are answered, too, but have not been carried out.
+            if matches!(self.phase, Phase::Resetting(_)) {
+                return;
+            }
+            match self.sender.receive(line) {
+                Received::Answer(answered) => self.answer(&answered),
+                Received::Surplus(_) => {}
+                Received::Message if line.is_empty() => {}
+                Received::Message => {
+                    self.message = line.into();
+                    self.notes.push(line.into());
+                }
+            }
+        }
+    }
+
+    fn answer(&mut self, answered: &Answered) {
+        let Response::Error(number) = answered.response else {
+            return;
+        };
+        let index = answered.number as usize - 1;
+        let text = String::from_utf8_lossy(&answered.line);
+        let place = if index < self.approach {
+            "the approach".into()
+        } else {
+            format!("line {}", index - self.approach + self.first + 1)
+        };
+        let refusal = format!(
+            "{place} is refused: {text}: error:{number}{}",
+            meaning(number)
+        );
+        if self.goes_on && index >= self.approach {
+            self.notes.push(refusal);
+        } else {
+            self.stop(refusal);
+        }
+    }
+
+    /// Looks at a report.
+    fn look(&mut self) {
+        match &self.phase {
+            Phase::Stopping(reason) if self.status.is_at_rest() => {
+                self.output.push(RESET);
+                self.phase = Phase::Resetting(reason.clone());
+            }
+            // The operator unlocks it, where he has probed nothing.
+            Phase::Running
+                if self.status.state == "Alarm"
+                    && self.manual_lines.is_on()
+                    && self.has_operator => {}
+            Phase::Running if self.status.state == "Alarm" => {
+                self.phase = Phase::Failed("the machine is locked".into());
+            }
+            Phase::Running if self.status.is_held() => self.wait(),
+            Phase::Running => {
+                self.is_wait_told = false;
+                let is_done = self.is_last_sent && self.sender.is_done();
+                if is_done && matches!(self.status.state.as_str(), "Idle" | "Check") {
+                    self.phase = Phase::Done;
+                }
+            }
+            Phase::Stopping(_) | Phase::Resetting(_) | Phase::Done | Phase::Failed(_) => {}
+        }
+    }
+
+    /// The machine waits: for the operator, who may have asked for that.
+    fn wait(&mut self) {
+        if !self.has_operator {
+            let why = match self.message.as_str() {
+                "" => self.status.state.clone(),
+                message => message.into(),
+            };
+            self.stop(format!(
+                "the machine waits for its operator ({why}), and nobody is there"
+            ));
+        } else if !self.is_wait_told {
+            self.is_wait_told = true;
+            let why = if self.is_hold_asked {
+                "is held"
+            } else {
+                "waits"
+            };
+            self.notes
+                .push(format!("the machine {why}: r resumes, q stops"));
+            if self.message.starts_with("[MSG:Tool change") && !self.manual_lines.is_on() {
+                self.notes
+                    .push("t: type lines, to jog and probe with the new tool".into());
+            }
+        }
+    }
+
+    fn alarm(&mut self, number: &str) {
+        let mut alarms = Alarm::ALL.into_iter();
+        let alarm = alarms.find(|alarm| alarm.number().to_string() == number);
+        let text = alarm.map_or(String::new(), |alarm| format!(", {}", alarm.text()));
+        if self.manual_lines.is_on() {
+            self.notes
+                .push(format!("ALARM:{number}{text}: $X unlocks the machine"));
+            return;
+        }
+        self.phase = Phase::Failed(format!("ALARM:{number}{text}"));
+    }
+
+    fn welcome(&mut self) {
+        self.phase = match &self.phase {
+            Phase::Resetting(reason) => Phase::Failed(reason.clone()),
+            Phase::Running | Phase::Stopping(_) => {
+                Phase::Failed("the machine has been reset".into())
+            }
+            Phase::Done | Phase::Failed(_) => return,
+        };
+    }
+
+    /// Ends the job: the machine is held, and reset when it is at rest, so that it keeps its position.
+    pub(crate) fn stop(&mut self, reason: String) {
+        if self.phase == Phase::Running {
+            self.output.push(HOLD);
+            self.output.push(REPORT);
+            self.phase = Phase::Stopping(reason);
+        }
+    }
+
+    /// Takes a key.
+    pub(crate) fn press(&mut self, key: Key) {
+        if self.phase != Phase::Running {
+            return;
+        }
+        match key {
+            Key::Hold => {
+                self.is_hold_asked = true;
+                self.output.push(HOLD);
+            }
+            Key::ManualLines if self.status.is_held() => self.manual_lines.begin(&mut self.output),
+            Key::ManualLines => {}
+            Key::Resume => {
+                self.manual_lines.resume();
+                self.is_hold_asked = false;
+                self.is_wait_told = false;
+                self.output.push(b'~');
+            }
+            Key::Stop => self.stop("the operator has stopped the job".into()),
+            Key::Realtime(byte) => self.output.push(byte),
+        }
+    }
+
+    /// Takes a byte of the keyboard: of a line that is being typed, or a key.
+    pub(crate) fn key(&mut self, byte: u8) {
+        if self.manual_lines.is_asked() {
+            return;
+        }
+        if self.manual_lines.text.is_none() {
+            if let Some(key) = Key::of(byte) {
+                self.press(key);
+            }
+        } else if self.phase == Phase::Running {
+            if self.manual_lines.press(byte, &mut self.output) {
+                // A hold before this line was of another move.
+                self.is_hold_asked = false;
+            }
+            if self.manual_lines.has_set {
+                self.measured = Some(self.answered());
+            }
+        }
+    }
+
+    /// Ctrl-C: first a hold, where somebody can resume; then the end of the job.
+    pub(crate) fn interrupt(&mut self) {
+        if self.has_operator && !self.is_hold_asked {
+            self.press(Key::Hold);
+            self.notes.push("held: r resumes, q or Ctrl-C stops".into());
+        } else {
+            self.stop("the job was interrupted".into());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,480 @@
+//! `cargo xtask send`: a program to a machine, from a terminal.
+
+mod approach;
+mod forecast;
+mod job;
+mod link;
+mod machine;
+mod manual_lines;
+mod record;
+mod replay;
+mod resume;
+mod screen;
+mod status;
+
+use std::{
+    io::Read as _,
+    os::{fd::AsFd as _, unix::net::UnixStream},
+    path::{Path, PathBuf},
+    process::ExitCode,
+    time::{Duration, Instant},
+};
+
+use anstream::println;
+use anyhow::{Context, Result, bail, ensure};
+use clap::Parser;
+use common::{BAUD, text::duration, ui};
+use rustix::event::PollFlags;
+use simulation::{
+    interrupt,
+    machine_answers::{MachineAnswers, UNLIMITED_BAUD},
+    program::Program,
+};
+
+use approach::Plunge;
+use forecast::Forecast;
+use job::{Job, Phase};
+use link::{Link, LinkLost, Stopped};
+use machine::Machine;
+use record::{Record, RecordFile};
+use resume::{Beginning, Entry};
+use screen::{Keyboard, Screen};
+
+/// How often the machine is asked for a report.
+const ASK_EVERY: Duration = Duration::from_millis(200);
+/// How often it is kept how far the job is.
+const KEEP_EVERY: Duration = Duration::from_secs(1);
+/// How long a job that is stopped may take to end.
+const STOP: Duration = Duration::from_secs(30);
+
+/// How often it is looked whether a machine is back.
+const RETRY: Duration = Duration::from_millis(500);
+
+/// Send a G-code program to a machine
+///
+/// The machine is a board at a serial port, or the simulator. The job is run on the virtual machine first,
+/// with the machine's own settings and offsets: a job that would be refused or end in an alarm is not begun,
+/// and the time that is left is known. How far the job is, is kept in FILE.resume until it is done. The exit
+/// status is 1 when the job does not come to its end, or a line was refused.
+///
+/// Keys: h hold, r resume, q stop, t type lines (in a change of the tool), + - 0 feed, f m l rapids, s S spindle, c coolant; Ctrl-C holds, and stops
+/// a job that is held. Where standard input is at its end, nobody can press a key: a program pause or a
+/// change of the tool then ends the job.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask send", styles = ui::STYLES, max_term_width = 100, version)]
+#[command(after_help = ui::AXES)]
+#[command(group = clap::ArgGroup::new("where").required(true).args(["port", "tcp"]))]
+struct Options {
+    /// The program
+    file: PathBuf,
+    /// The serial port of the machine, such as /dev/ttyACM0
+    #[arg(long, value_name = "DEVICE")]
+    port: Option<PathBuf>,
+    /// The TCP address of the machine, such as 127.0.0.1:2323
+    #[arg(long, value_name = "ADDR:PORT")]
+    tcp: Option<String>,
+    /// The baud rate of the serial port
+    #[arg(long, value_name = "BAUD", default_value_t = BAUD, requires = "port")]
+    baud: u32,
+    /// How long to wait for an answer, s
+    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds)]
+    timeout: f64,
+    /// Home the machine first
+    #[arg(long)]
+    home: bool,
+    /// Continue the job that was interrupted, where it is certain that all before has been carried out
+    #[arg(long, conflicts_with = "from")]
+    resume: bool,
+    /// Continue at a line, counted from 1, or at one before it where that is within a contour or a cycle
+    #[arg(long, value_name = "LINE", value_parser = clap::value_parser!(u64).range(1..))]
+    from: Option<u64>,
+    /// Wait for the machine where it has gone or is not there yet, and continue a job that has begun
+    #[arg(long)]
+    wait: bool,
+    /// The machine is where it says, with the right tool: do not ask before a job is continued
+    #[arg(long)]
+    confirmed: bool,
+    /// Send a program of which lines are refused
+    #[arg(long)]
+    despite_refusals: bool,
+    /// How long the spindle gets before the tool goes down where a job is continued, s
+    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds)]
+    spin_up: f64,
+    /// The highest feed at which it goes down, mm/min
+    #[arg(long, value_name = "MM_MIN", default_value_t = 200.0, value_parser = feed)]
+    plunge: f32,
+}
+
+fn main() -> ExitCode {
+    let options = Options::parse();
+    common::main(|| run(&options))
+}
+
+/// Reads a time that can be waited for.
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds) if (0.1..=600.0).contains(&seconds) => Ok(seconds),
+        _ => Err("0.1 to 600 seconds are possible".into()),
+    }
+}
+
+/// Reads a feed.
+fn feed(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(feed) if (1.0..=100_000.0).contains(&feed) => Ok(feed),
+        _ => Err("1 to 100000 mm/min are possible".into()),
+    }
+}
+
+fn run(options: &Options) -> Result<ExitCode> {
+    // What is wrong with the program or the record is told before anything is connected.
+    let lines = read(&options.file)?;
+    let mut file = RecordFile::beside(&options.file);
+    let program = record::checksum(&lines);
+    let mut kept = options.resume.then(|| file.read(program)).transpose()?;
+    let mut stop = interrupt::interruptions()?;
+    let mut keyboard = Keyboard::new();
+    loop {
+        let machine = connect(options, &mut stop)?;
+        let hands = (&mut keyboard, &mut stop);
+        let ended = send(options, machine, &lines, kept.as_ref(), &mut file, hands);
+        match ended {
+            Err(error) if options.wait && error.is::<LinkLost>() => {
+                ui::warning(&format!("{error:#}"));
+                kept = file.last.clone().or(kept);
+            }
+            ended => return ended,
+        }
+    }
+}
+
+/// Connects with the machine, which may have to be waited for.
+fn connect(options: &Options, stop: &mut UnixStream) -> Result<Machine> {
+    let timeout = Duration::from_secs_f64(options.timeout);
+    let mut is_told = false;
+    loop {
+        match link(options).and_then(|link| Machine::connect(link, timeout, stop)) {
+            Err(error) if options.wait && !error.is::<Stopped>() => {
+                if !is_told {
+                    is_told = true;
+                    ui::status("Waiting", &format!("{error:#} (Ctrl-C ends)"));
+                }
+                let files = [(stop.as_fd(), PollFlags::IN)];
+                ensure!(!link::wait(&files, RETRY)?[0], Stopped);
+            }
+            connected => return connected,
+        }
+    }
+}
+
+/// Sends the job, or what is left of it.
+fn send(
+    options: &Options,
+    mut machine: Machine,
+    lines: &[Vec<u8>],
+    kept: Option<&Record>,
+    file: &mut RecordFile,
+    (keyboard, stop): (&mut Keyboard, &mut UnixStream),
+) -> Result<ExitCode> {
+    let continues = kept.is_some() || options.from.is_some();
+    if continues {
+        machine.come_to_rest()?;
+    }
+    machine.make_ready(options.home)?;
+    let answers = machine.answers()?;
+    let began = kept.map_or(&answers, |record| &record.began);
+    let forecast = look_ahead(options, began, lines, stop)?;
+    let (approach, first) = if continues {
+        let entry = find_entry(options, kept, &answers, lines, stop)?;
+        show(&entry);
+        ensure!(is_confirmed(options, keyboard, stop)?, "nothing was sent");
+        (entry.approach, entry.line)
+    } else {
+        (Vec::new(), 0)
+    };
+    // Ctrl-C while the job was tried: it would be held only after its first lines.
+    ensure!(!link::is_stopped(stop)?, Stopped);
+    let mut job = Job::new(&approach, lines, first, options.despite_refusals);
+    // It has the offset in it, which not every report has.
+    job.status.clone_from(&machine.status);
+    let mut run = Run {
+        job,
+        machine,
+        keyboard,
+        screen: Screen::new(lines.len()),
+        forecast,
+        file,
+        record: Record {
+            program: record::checksum(lines),
+            answered: first,
+            measured: None,
+            began: began.clone(),
+        },
+        stop,
+    };
+    let ended = run.drive();
+    run.screen.clear();
+    run.finish(ended, options)
+}
+
+/// The lines of a program.
+fn read(path: &Path) -> Result<Vec<Vec<u8>>> {
+    ensure!(
+        path != Path::new("-"),
+        "standard input is for keys: give the program as a file"
+    );
+    let mut program = Program::open(path)?;
+    let mut lines = Vec::new();
+    while let Some(line) = program.next_line()? {
+        lines.push(line);
+    }
+    ensure!(!lines.is_empty(), "{} is empty", path.display());
+    Ok(lines)
+}
+
+/// The line to the machine.
+fn link(options: &Options) -> Result<Link> {
+    match (&options.port, &options.tcp) {
+        (Some(port), _) => Link::serial(port, options.baud),
+        (None, Some(address)) => Link::tcp(address, Duration::from_secs_f64(options.timeout)),
+        (None, None) => bail!("neither a port nor an address is given"),
+    }
+}
+
+/// Runs the job on the virtual machine.
+fn look_ahead(
+    options: &Options,
+    began: &MachineAnswers,
+    lines: &[Vec<u8>],
+    stop: &UnixStream,
+) -> Result<Forecast> {
+    let baud = if options.port.is_some() {
+        options.baud
+    } else {
+        UNLIMITED_BAUD
+    };
+    ui::status("Trying", "the job on the virtual machine");
+    let forecast = Forecast::of(began, lines, baud, || link::is_stopped(stop))
+        .context("the job was tried on the virtual machine")?;
+    if !forecast.refused.is_empty() {
+        for line in &forecast.refused {
+            println!("{line}");
+        }
+        let count = forecast.refused.len();
+        ensure!(
+            options.despite_refusals,
+            "{count} lines would be refused, and nothing was sent: --despite-refusals sends the job all the same"
+        );
+        ui::warning(&format!("{count} lines will be refused"));
+    }
+    let what = format!("{} lines, {}", lines.len(), duration(forecast.total_s));
+    ui::status("Job", &what);
+    Ok(forecast)
+}
+
+/// Finds where the job is continued.
+fn find_entry(
+    options: &Options,
+    kept: Option<&Record>,
+    answers: &MachineAnswers,
+    lines: &[Vec<u8>],
+    stop: &UnixStream,
+) -> Result<Entry> {
+    let wanted = match (kept, options.from) {
+        (Some(record), _) => {
+            // The line may be faster than it was thought: then more moves wait in the machine.
+            let forecast = Forecast::of(&record.began, lines, UNLIMITED_BAUD, || {
+                link::is_stopped(stop)
+            })?;
+            let undone = forecast.first_undone(record.answered).min(lines.len() - 1);
+            // A reset has taken away what the operator has measured: he does so again.
+            record.measured.map_or(undone, |line| line.min(undone))
+        }
+        (None, Some(line)) => line as usize - 1,
+        (None, None) => bail!("neither --resume nor --from is given"),
+    };
+    let began = kept.map_or(answers, |record| &record.began);
+    let interpreter = |answers: &MachineAnswers| -> Result<_> {
+        Ok(answers.simulator(false)?.session().interpreter().clone())
+    };
+    let now = interpreter(answers)?;
+    let mut beginning = Beginning {
+        interpreter: interpreter(began)?,
+        is_placed: kept.is_some(),
+    };
+    // The operator may have measured the workpiece anew.
+    beginning.interpreter.set_origins(&now.offsets().origins);
+    let plunge = Plunge {
+        feed_mm_min: options.plunge,
+        spin_up_s: options.spin_up as f32,
+        tells_tool: kept.is_some_and(|record| record.measured.is_some()),
+    };
+    let entry = resume::entry(lines, wanted, &beginning, &now, &answers.settings(), plunge)?;
+    if entry.line < wanted {
+        let (first, wanted) = (entry.line + 1, wanted + 1);
+        println!("Line {wanted} cannot begin a job; it is continued at line {first}.");
+    }
+    Ok(entry)
+}
+
+/// Shows what will happen before anything moves.
+fn show(entry: &Entry) {
+    ui::status("Continue", &format!("at line {}", entry.line + 1));
+    println!("modes     {}", entry.modes);
+    println!("tool      T{}", entry.tool);
+    println!("position  {}", entry.position.join(" "));
+    for line in &entry.approach {
+        println!("approach  {line}");
+    }
+}
+
+/// Whether the machine is known to be where it says.
+fn is_confirmed(options: &Options, keyboard: &mut Keyboard, stop: &UnixStream) -> Result<bool> {
+    if options.confirmed {
+        return Ok(true);
+    }
+    let question = if options.home {
+        "Is this tool in the spindle, and the way free?"
+    } else {
+        "The machine has not been homed now. Is it where it says, is this tool in the spindle, and the way free?"
+    };
+    keyboard.confirms(question, stop)
+}
+
+/// A job on its way.
+struct Run<'a> {
+    job: Job,
+    machine: Machine,
+    keyboard: &'a mut Keyboard,
+    screen: Screen,
+    forecast: Forecast,
+    file: &'a mut RecordFile,
+    record: Record,
+    stop: &'a mut UnixStream,
+}
+
+impl Run<'_> {
+    /// Moves bytes, keys and time until the job has ended.
+    fn drive(&mut self) -> Result<()> {
+        let (mut asked, mut kept) = (None::<Instant>, None::<Instant>);
+        let mut answered = (0, Instant::now());
+        let mut stopping = None::<Instant>;
+        loop {
+            self.job.has_operator = self.keyboard.has_operator();
+            if asked.is_none_or(|asked| asked.elapsed() >= ASK_EVERY) {
+                asked = Some(Instant::now());
+                self.job.ask();
+            }
+            let output = self.job.take_output();
+            self.machine.link.send(&output)?;
+            if self.job.answered() != answered.0 {
+                answered = (self.job.answered(), Instant::now());
+            }
+            self.show(answered.1);
+            if kept.is_none_or(|kept| kept.elapsed() >= KEEP_EVERY) {
+                kept = Some(Instant::now());
+                self.keep();
+            }
+            match &self.job.phase {
+                Phase::Running => {}
+                Phase::Stopping(reason) | Phase::Resetting(reason) => {
+                    let since = stopping.get_or_insert_with(Instant::now);
+                    ensure!(
+                        since.elapsed() < STOP,
+                        "{reason}, and the machine does not come to rest"
+                    );
+                }
+                Phase::Done => return Ok(()),
+                Phase::Failed(reason) => bail!("{reason}"),
+            }
+            self.exchange()?;
+        }
+    }
+
+    fn show(&mut self, since: Instant) {
+        for note in self.job.take_notes() {
+            self.screen.say(&note);
+        }
+        if !self.job.status.state.is_empty() {
+            let since_s = if self.job.status.is_held() {
+                0.0
+            } else {
+                since.elapsed().as_secs_f64()
+            };
+            let left = self.forecast.remaining_s(self.job.answered(), since_s);
+            self.screen.show(&self.job, Some(left));
+        }
+    }
+
+    /// Waits for bytes and keys, and takes them.
+    fn exchange(&mut self) -> Result<()> {
+        let input = std::io::stdin();
+        let mut files = vec![
+            (self.machine.link.as_fd(), PollFlags::IN),
+            (self.stop.as_fd(), PollFlags::IN),
+        ];
+        if self.keyboard.has_operator() {
+            files.push((input.as_fd(), PollFlags::IN));
+        }
+        let ready = link::wait(&files, ASK_EVERY / 4)?;
+        if ready[0] {
+            self.machine.link.receive()?;
+            while let Some(line) = self.machine.link.line()? {
+                self.job.receive(&line);
+            }
+        }
+        if ready[1] {
+            let mut signals = [0; 16];
+            let count = self.stop.read(&mut signals).unwrap_or_default();
+            ensure!(
+                self.job.phase == Phase::Running,
+                "the job was left while it was being stopped"
+            );
+            (0..count).for_each(|_| self.job.interrupt());
+        }
+        if ready.get(2) == Some(&true) {
+            for key in self.keyboard.read() {
+                self.job.key(key);
+            }
+        }
+        Ok(())
+    }
+
+    /// Keeps how far the job is.
+    fn keep(&mut self) {
+        self.record.answered = self.job.answered();
+        self.record.measured = self.job.measured;
+        self.file.write(&self.record);
+    }
+
+    /// Tells how the job has ended.
+    fn finish(mut self, ended: Result<()>, options: &Options) -> Result<ExitCode> {
+        for note in self.job.take_notes() {
+            println!("{note}");
+        }
+        if let Err(error) = ended {
+            self.keep();
+            let (answered, name) = (self.job.answered(), options.file.display());
+            let option = if self.file.is_lost {
+                "--from LINE"
+            } else {
+                "--resume"
+            };
+            return Err(error.context(format!(
+                "{name} was interrupted when {answered} lines were answered: {option} continues it"
+            )));
+        }
+        self.file.remove();
+        let position = self.job.status.machine_position().unwrap_or_default();
+        let position: Vec<_> = position.iter().map(|value| format!("{value:.3}")).collect();
+        ui::status(
+            "Done",
+            &format!(
+                "{} lines, machine position {}",
+                self.job.answered(),
+                position.join(" ")
+            ),
+        );
+        Ok(ExitCode::from(u8::from(!self.forecast.refused.is_empty())))
+    }
+}

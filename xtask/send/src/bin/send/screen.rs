@@ -1,0 +1,208 @@
+//! What the operator sees and presses: on a terminal a bar, the state and the keys; elsewhere lines.
+
+use std::{
+    io::IsTerminal as _,
+    os::{fd::AsFd as _, unix::net::UnixStream},
+    time::{Duration, Instant},
+};
+
+use anstream::println;
+use anyhow::{Result, bail};
+use common::text::duration;
+use indicatif::{ProgressBar, ProgressStyle};
+use leadscrew::axis::LETTERS;
+use rustix::{
+    event::PollFlags,
+    io::Errno,
+    termios::{LocalModes, OptionalActions, Termios},
+};
+use simulation::output;
+
+use crate::{job::Job, link, status::Status};
+
+/// How often the state is printed where nobody can see a bar.
+const PRINT_EVERY: Duration = Duration::from_secs(10);
+
+/// The operator's keyboard.
+pub(crate) struct Keyboard {
+    /// The modes of the terminal before.
+    before: Option<Termios>,
+    is_at_end: bool,
+}
+
+impl Keyboard {
+    /// Makes keys count as they are pressed, where standard input is a terminal.
+    pub(crate) fn new() -> Self {
+        let input = std::io::stdin();
+        let before = input
+            .is_terminal()
+            .then(|| rustix::termios::tcgetattr(&input).ok())
+            .flatten();
+        if let Some(before) = &before {
+            let mut modes = before.clone();
+            modes
+                .local_modes
+                .remove(LocalModes::ICANON | LocalModes::ECHO);
+            let _ = rustix::termios::tcsetattr(&input, OptionalActions::Now, &modes);
+        }
+        Self {
+            before,
+            is_at_end: false,
+        }
+    }
+
+    /// Whether somebody can press a key.
+    pub(crate) fn has_operator(&self) -> bool {
+        !self.is_at_end
+    }
+
+    /// Takes what has been pressed, once there is something.
+    pub(crate) fn read(&mut self) -> Vec<u8> {
+        let mut bytes = [0; 64];
+        match rustix::io::read(std::io::stdin(), &mut bytes) {
+            Ok(length @ 1..) => bytes[..length].to_vec(),
+            Err(Errno::INTR | Errno::AGAIN) => Vec::new(),
+            Ok(0) | Err(_) => {
+                self.is_at_end = true;
+                Vec::new()
+            }
+        }
+    }
+
+    /// Asks for a yes. Nobody says no.
+    pub(crate) fn confirms(&mut self, question: &str, stop: &UnixStream) -> Result<bool> {
+        println!("{question} [y/n]");
+        while self.has_operator() {
+            let input = std::io::stdin();
+            let files = [
+                (input.as_fd(), PollFlags::IN),
+                (stop.as_fd(), PollFlags::IN),
+            ];
+            let ready = link::wait(&files, Duration::from_secs(1))?;
+            if ready[1] {
+                bail!(link::Stopped);
+            }
+            let pressed = if ready[0] { self.read() } else { Vec::new() };
+            for key in pressed {
+                match key {
+                    b'y' | b'Y' => return Ok(true),
+                    b'n' | b'N' | b'q' => return Ok(false),
+                    _ => {}
+                }
+            }
+        }
+        Ok(false)
+    }
+}
+
+impl Drop for Keyboard {
+    fn drop(&mut self) {
+        if let Some(before) = &self.before {
+            let _ = rustix::termios::tcsetattr(std::io::stdin(), OptionalActions::Now, before);
+        }
+    }
+}
+
+/// The screen.
+pub(crate) struct Screen {
+    bar: ProgressBar,
+    /// There is no bar: lines are printed.
+    is_plain: bool,
+    printed: Option<Instant>,
+    state: String,
+    lines: usize,
+}
+
+impl Screen {
+    pub(crate) fn new(lines: usize) -> Self {
+        let bar = output::progress(lines as u64, "lines");
+        let template = "{bar:40.green/dim} {percent:>3} %\n{wide_msg}\n{prefix}";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style.progress_chars("━╸─"));
+            bar.set_prefix(LEGEND);
+        }
+        Self {
+            bar,
+            is_plain: !std::io::stderr().is_terminal(),
+            printed: None,
+            state: String::new(),
+            lines,
+        }
+    }
+
+    /// Shows a message.
+    pub(crate) fn say(&self, text: &str) {
+        self.bar.suspend(|| println!("{text}"));
+    }
+
+    /// Shows where the job is.
+    pub(crate) fn show(&mut self, job: &Job, remaining_s: Option<f64>) {
+        let state = state(&job.status, job.answered(), self.lines, remaining_s);
+        self.bar.set_position(job.answered() as u64);
+        let typed = job.manual_lines.text.as_ref();
+        let typed = typed.map_or(String::new(), |text| format!("\n> {text}"));
+        self.bar.set_message(format!("{state}{typed}"));
+        let is_due = self
+            .printed
+            .is_none_or(|printed| printed.elapsed() >= PRINT_EVERY);
+        if self.is_plain && (is_due || self.state != job.status.state) {
+            self.printed = Some(Instant::now());
+            self.state.clone_from(&job.status.state);
+            println!("{state}");
+        }
+    }
+
+    /// Takes the bar away.
+    pub(crate) fn clear(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// The keys and what they do.
+const LEGEND: &str =
+    "h hold  r resume  q stop  t type  + - 0 feed  f m l rapids  S s spindle  c coolant";
+
+/// The state of a job in a line.
+fn state(status: &Status, answered: usize, lines: usize, remaining_s: Option<f64>) -> String {
+    let position = status.work_position().or_else(|| status.machine_position());
+    let position = position.unwrap_or_default();
+    let position = LETTERS
+        .iter()
+        .zip(position)
+        .map(|(letter, value)| format!("{}{value:.3}", char::from(*letter)));
+    let position: Vec<_> = position.collect();
+    let left = remaining_s.map_or(String::new(), |left| {
+        format!("  {} left", duration(left.round()))
+    });
+    let [feed, rapids, spindle] = status.overrides;
+    format!(
+        "{:<7} line {answered} of {lines}{left}  {}  F,S {}  Ov {feed},{rapids},{spindle} %",
+        status.state,
+        position.join(" "),
+        status.speeds,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::KEYS;
+
+    #[test]
+    fn every_key_is_shown_and_no_other() {
+        let shown = LEGEND.split(' ').filter(|word| word.len() == 1);
+        let known = KEYS.map(|(key, _)| char::from(key).to_string());
+        assert!(shown.eq(known.iter().map(String::as_str)), "{known:?}");
+    }
+
+    #[test]
+    fn a_line_tells_state_progress_position_and_overrides() {
+        let mut status = Status::default();
+        status.read("<Run|MPos:1.000,2.000,-3.000|FS:500,8000|WCO:0.000,0.000,1.000>");
+        status.read("<Run|MPos:1.000,2.000,-3.000|FS:500,8000|Ov:110,50,90>");
+        assert_eq!(
+            state(&status, 5, 20, Some(63.2)),
+            "Run     line 5 of 20  1 min 03.0 s left  X1.000 Y2.000 Z-4.000  F,S 500,8000  Ov 110,50,90 %"
+        );
+    }
+}
