@@ -1,7 +1,34 @@
-//! What speaks to machines.
-#![allow(
-    clippy::missing_errors_doc,
-    reason = "a library of the tools beside it: errors are sentences, which the user is shown"
-)]
+//! Grbl's protocol from the computer's side, for any machine that speaks it: Grbl 1.1, grblHAL, `FluidNC`, Leadscrew.
+//!
+//! The core is pure. Bytes that have come become lines ([`Lines`]), and lines what they mean ([`Line`]): the
+//! [`Response`] to a statement, a status [`Report`], an alarm, an answer to a `$` statement. [`Sender`] tells when
+//! the machine has room for a statement, and which one an answer belongs to. [`Status`] keeps what only some
+//! reports have. Files, sockets and clocks are its caller's: with the feature `os` those of [`Link`], a serial port
+//! or a TCP address, and of [`Machine`], which asks and waits for what is answered.
+//!
+//! Positions, offsets and feeds are in the unit of the reports: mm and mm/min, or inches and inches/min where `$13`
+//! is 1; degrees for rotary axes. What only Leadscrew says is read where it comes, and never needed.
+#![forbid(unsafe_code)]
 
-pub mod port;
+pub mod answer;
+mod line;
+pub mod meaning;
+pub mod realtime;
+mod report;
+pub mod sender;
+
+#[cfg(feature = "os")]
+pub mod link;
+#[cfg(feature = "os")]
+mod machine;
+#[cfg(feature = "os")]
+mod port;
+
+pub use line::{Line, Lines, Response};
+pub use report::{NoReport, Report, Room, Status};
+pub use sender::{InFlight, Sender, WINDOW};
+
+#[cfg(feature = "os")]
+pub use link::Link;
+#[cfg(feature = "os")]
+pub use machine::{Answer, Machine};

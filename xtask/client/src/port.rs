@@ -7,21 +7,12 @@ use std::{
     time::Duration,
 };
 
-use anyhow::{Context, Error, Result, anyhow, bail};
+use anyhow::{Context, Error, Result, anyhow};
 use rustix::fs::FlockOperation;
-pub use serial2::SerialPort;
-
-/// What may be wrong where nothing answers at an address.
-pub const TCP_HINT: &str = "does it serve another sender?";
-
-/// What may be wrong where nothing answers at a serial port.
-#[must_use]
-pub fn serial_hint(baud: u32) -> String {
-    format!("is it switched on, and is {baud} its baud rate?")
-}
+use serial2::SerialPort;
 
 /// Opens a serial port, which no other program may have open.
-pub fn serial(path: &Path, baud: u32) -> Result<SerialPort> {
+pub(crate) fn serial(path: &Path, baud: u32) -> Result<SerialPort> {
     let name = path.display().to_string();
     let port = SerialPort::open(path, baud).map_err(|error| cannot_open(&name, error))?;
     // Programs that keep a port for themselves lock it so.
@@ -32,7 +23,7 @@ pub fn serial(path: &Path, baud: u32) -> Result<SerialPort> {
 }
 
 /// Connects to a TCP address.
-pub fn tcp(address: &str, timeout: Duration) -> Result<TcpStream> {
+pub(crate) fn tcp(address: &str, timeout: Duration) -> Result<TcpStream> {
     let addresses = address.to_socket_addrs();
     let mut addresses =
         addresses.with_context(|| format!("{address:?} is no address (one is 127.0.0.1:2323)"))?;
@@ -46,14 +37,6 @@ pub fn tcp(address: &str, timeout: Duration) -> Result<TcpStream> {
         .set_nodelay(true)
         .with_context(|| format!("cannot use {address}"))?;
     Ok(stream)
-}
-
-/// Fails for a line by which the simulator, which serves one sender at a time, refuses another.
-pub fn ensure_is_free(name: &str, line: &str) -> Result<()> {
-    if let Some(holder) = line.strip_prefix("[MSG:In use by ") {
-        bail!("{name} is in use by {}", holder.trim_end_matches(']'));
-    }
-    Ok(())
 }
 
 /// Why a serial port cannot be opened, and what helps.

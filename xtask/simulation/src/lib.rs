@@ -46,7 +46,6 @@ mod recording;
 #[cfg(feature = "os")]
 mod refusal;
 mod refusals;
-pub mod sender;
 #[cfg(feature = "os")]
 pub mod session;
 pub mod settings;
@@ -58,6 +57,8 @@ mod tests;
 mod vertex;
 mod waypoints;
 
+/// Character counting and answers, for those who run programs.
+pub use grbl_client::sender;
 pub use job::Job;
 pub use recording::Recording;
 #[cfg(feature = "os")]

@@ -3,10 +3,11 @@
 //! It is kept as the machine has said it, so that a job can be continued by another run of the tool.
 
 use anyhow::{Result, bail, ensure};
+use grbl_client::{Line, answer::step_rate};
 use leadscrew::{
     axis::{AXES, LETTERS},
     model::{State, WorkCoordinates},
-    settings::{Settings, StepRate},
+    settings::Settings,
     sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
 };
 use serde::{Deserialize, Serialize};
@@ -59,10 +60,13 @@ impl MachineAnswers {
 
     /// The values behind a name in `$#`, and what stands behind another colon.
     pub fn parameter(&self, name: &str) -> Option<(&str, Option<&str>)> {
-        let inside = self.parameters.iter().find_map(|line| {
-            let (found, rest) = line.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
-            (found == name).then_some(rest)
-        })?;
+        let inside = self
+            .parameters
+            .iter()
+            .find_map(|line| match Line::read(line) {
+                Line::Answer(found, rest) if found == name => Some(rest),
+                _ => None,
+            })?;
         let mut parts = inside.split(':');
         Some((parts.next().unwrap_or_default(), parts.next()))
     }
@@ -211,41 +215,24 @@ fn is_not_zero(values: &str) -> bool {
     values.split(',').any(|value| value.parse() != Ok(0.0))
 }
 
-/// The step rate in a line of `$I`.
-fn step_rate(line: &str) -> Option<StepRate> {
-    let rest = line.strip_prefix("[MSG:Step rate: ")?.strip_suffix(']')?;
-    match rest.split_once(" Hz, ")? {
-        (hz, "proven") => Some(StepRate::Proven(hz.parse().ok()?)),
-        _ => Some(StepRate::Unproven),
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use grbl_client::Report;
+
     use super::*;
 
     /// What a virtual machine says of itself.
     fn answers(simulator: &mut Simulator) -> MachineAnswers {
         let mut ask = |text: &str| play::ask(simulator, text.as_bytes());
         let report = ask("?");
-        let position = report[0]
-            .split_once("MPos:")
-            .unwrap()
-            .1
-            .split('|')
-            .next()
-            .unwrap();
-        let position = position
-            .split(',')
-            .map(|value| value.parse().unwrap())
-            .collect();
+        let position = Report::read(&report[0]).and_then(|report| report.machine_position());
         MachineAnswers {
             version: ask("$I\n"),
             settings: ask("$+\n"),
             parameters: ask("$#\n"),
             tools: ask("$TT\n"),
             modes: ask("$G\n").remove(0),
-            position,
+            position: position.unwrap(),
         }
     }
 

@@ -151,11 +151,12 @@ fn rehearse(
 }
 
 fn source(options: &Options) -> Result<Source> {
-    if let Some(port) = &options.port {
-        return Source::serial(port, options.baud);
-    }
-    if let Some(address) = &options.tcp {
-        return Source::tcp(address);
+    if !options.sim {
+        return Source::open(
+            options.port.as_deref(),
+            options.baud,
+            options.tcp.as_deref(),
+        );
     }
     let stream = ["$792=1", "$793=1"].map(str::to_owned);
     let set: Vec<_> = options.set.iter().chain(&stream).cloned().collect();

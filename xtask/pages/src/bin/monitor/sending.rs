@@ -2,10 +2,8 @@
 
 use anyhow::Result;
 use common::ui;
-use simulation::{
-    program::Program,
-    sender::{Received, Response, Sender},
-};
+use grbl_client::{Response, Sender, sender::Received};
+use simulation::program::Program;
 
 /// A program on its way.
 pub(crate) struct Sending {

@@ -2,7 +2,7 @@
 
 use std::{
     fs,
-    os::fd::{AsFd, BorrowedFd, OwnedFd},
+    os::fd::OwnedFd,
     path::Path,
     process::{Child, Stdio},
     thread,
@@ -11,9 +11,9 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 use common::tools;
+use grbl_client::Link;
 use rustix::{
     fs::{Mode, OFlags},
-    io::Errno,
     process::{Pid, Signal},
 };
 use tempfile::TempDir;
@@ -24,14 +24,11 @@ const CONNECT: Duration = Duration::from_secs(5);
 /// How often it is looked whether it has.
 const GLANCE: Duration = Duration::from_millis(5);
 
-/// A line to a machine, which never makes this program wait.
+/// A line to a machine.
 pub(crate) struct Source {
-    line: OwnedFd,
-    /// The port or the address, as the user has named it.
-    pub(crate) name: String,
-    /// What may be wrong where nothing answers.
-    pub(crate) hint: String,
+    pub(crate) link: Link,
     /// What ends with the line.
+    #[expect(dead_code, reason = "it is ended when it is dropped")]
     simulator: Option<Simulator>,
 }
 
@@ -42,20 +39,12 @@ struct Simulator {
 }
 
 impl Source {
-    /// Opens a serial port, which no other program may have open.
-    pub(crate) fn serial(path: &Path, baud: u32) -> Result<Self> {
-        let port = grbl_client::port::serial(path, baud)?;
-        Self::new(
-            &port,
-            path.display().to_string(),
-            grbl_client::port::serial_hint(baud),
-        )
-    }
-
-    /// Connects to a TCP address.
-    pub(crate) fn tcp(address: &str) -> Result<Self> {
-        let stream = grbl_client::port::tcp(address, CONNECT)?;
-        Self::new(&stream, address.into(), grbl_client::port::TCP_HINT.into())
+    /// Opens a serial port, or connects to a TCP address.
+    pub(crate) fn open(port: Option<&Path>, baud: u32, address: Option<&str>) -> Result<Self> {
+        Ok(Self {
+            link: Link::open(port, baud, address, CONNECT)?,
+            simulator: None,
+        })
     }
 
     /// Starts the simulator with settings, in real time.
@@ -75,50 +64,10 @@ impl Source {
             .context("cannot start the simulator")?;
         let mut simulator = Simulator { process, folder };
         let line = simulator.line()?;
-        let mut source = Self::new(&line, "the simulator".into(), "has it ended?".into())?;
-        source.simulator = Some(simulator);
-        Ok(source)
-    }
-
-    fn new(line: &impl AsFd, name: String, hint: String) -> Result<Self> {
-        let own = || {
-            // The lock of a port is that of its description, which both share.
-            let line = line.as_fd().try_clone_to_owned()?;
-            let flags = rustix::fs::fcntl_getfl(&line)?;
-            rustix::fs::fcntl_setfl(&line, flags | OFlags::NONBLOCK)?;
-            std::io::Result::Ok(line)
-        };
         Ok(Self {
-            line: own().with_context(|| format!("cannot use {name}"))?,
-            name,
-            hint,
-            simulator: None,
+            link: Link::over(&line, "the simulator".into(), "has it ended?".into())?,
+            simulator: Some(simulator),
         })
-    }
-
-    /// The line, to wait for.
-    pub(crate) fn line(&self) -> BorrowedFd<'_> {
-        self.line.as_fd()
-    }
-
-    /// Reads what has come.
-    pub(crate) fn read(&self, chunk: &mut [u8]) -> Result<usize> {
-        match rustix::io::read(&self.line, chunk) {
-            Ok(0) => bail!("{} has gone: the connection has ended", self.name),
-            Ok(length) => Ok(length),
-            Err(Errno::AGAIN | Errno::INTR) => Ok(0),
-            Err(error) => Err(error).with_context(|| format!("{} has gone", self.name)),
-        }
-    }
-
-    /// Writes what there is room for, and takes it away.
-    pub(crate) fn write(&self, waiting: &mut Vec<u8>) -> Result<()> {
-        match rustix::io::write(&self.line, waiting) {
-            Ok(length) => drop(waiting.drain(..length)),
-            Err(Errno::AGAIN | Errno::INTR) => {}
-            Err(error) => return Err(error).with_context(|| format!("{} has gone", self.name)),
-        }
-        Ok(())
     }
 }
 

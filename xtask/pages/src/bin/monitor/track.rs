@@ -2,8 +2,8 @@
 //!
 //! Pure. A line counts when all of it can be read: what lost bytes have joined or cut is passed over.
 
-/// Longest line that is read, bytes: those of machines are shorter.
-const LONGEST: usize = 1024;
+use grbl_client::{Line, Lines, Status};
+
 /// X, Y and Z.
 pub(crate) const AXES: usize = 3;
 const MM_PER_INCH: f64 = 25.4;
@@ -43,10 +43,8 @@ pub(crate) struct Report {
 /// The lines of a machine, and what earlier ones say about later ones.
 #[derive(Debug, Default)]
 pub(crate) struct Track {
-    line: Vec<u8>,
-    is_too_long: bool,
-    /// The work offset that was reported last, mm.
-    offset_mm: [f64; AXES],
+    lines: Lines,
+    status: Status,
     /// `$13`.
     is_in_inches: bool,
     /// `$100`, `$101`, `$102`.
@@ -56,21 +54,13 @@ pub(crate) struct Track {
 impl Track {
     /// Reads bytes, and tells each line that they complete.
     pub(crate) fn push(&mut self, bytes: &[u8], mut tell: impl FnMut(&mut Self, Sighting)) {
-        for &byte in bytes {
-            match byte {
-                b'\n' => {
-                    let line = std::mem::take(&mut self.line);
-                    let is_whole = !std::mem::take(&mut self.is_too_long);
-                    let text = str::from_utf8(&line).map(str::trim_end);
-                    if let (true, Ok(text)) = (is_whole, text)
-                        && !text.is_empty()
-                    {
-                        let sighting = self.read(text);
-                        tell(self, sighting);
-                    }
-                }
-                _ if self.line.len() < LONGEST => self.line.push(byte),
-                _ => self.is_too_long = true,
+        self.lines.push(bytes);
+        while let Some(line) = self.lines.next_line() {
+            let text = line.trim_end();
+            // Noise is no text.
+            if !text.is_empty() && !text.contains(char::REPLACEMENT_CHARACTER) {
+                let sighting = self.read(text);
+                tell(self, sighting);
             }
         }
     }
@@ -85,62 +75,47 @@ impl Track {
         if let Some([x, y, z]) = steps(text) {
             return Sighting::Steps([x.unwrap_or(0), y.unwrap_or(0)], z);
         }
-        if let Some(report) = self.report(text) {
-            return Sighting::Report(report);
+        match Line::read(text) {
+            Line::Response(_) => return Sighting::Answer(text.into()),
+            Line::Alarm(_) => return Sighting::Alarm(text.into()),
+            Line::Welcome => return Sighting::Welcome,
+            Line::Report(report) => {
+                self.status.take(report);
+                if let Some(report) = self.report() {
+                    return Sighting::Report(report);
+                }
+            }
+            Line::Setting(number, value) => self.setting(number, value),
+            _ => {}
         }
-        self.setting(text);
-        if text == "ok" || text.starts_with("error:") {
-            Sighting::Answer(text.into())
-        } else if text.starts_with("ALARM:") {
-            Sighting::Alarm(text.into())
-        } else if text.starts_with("Grbl") {
-            Sighting::Welcome
-        } else {
-            Sighting::Other(text.into())
-        }
+        Sighting::Other(text.into())
     }
 
-    /// Reads `<Run|MPos:0.000,0.000,0.000|FS:0,0>`, and the same of Grbl 0.9 with commas.
-    fn report(&mut self, text: &str) -> Option<Report> {
-        let inner = text.strip_prefix('<')?.strip_suffix('>')?;
+    /// What the last report tells, if that is a position. Before an offset has been told, it is taken for 0.
+    fn report(&self) -> Option<Report> {
+        let Status { report, .. } = &self.status;
+        let (machine, work) = (self.status.machine_position(), self.status.work_position());
+        let machine = machine.or_else(|| work.clone())?;
         let scale = if self.is_in_inches { MM_PER_INCH } else { 1.0 };
-        let place = |key| Some(numbers(inner, key)?.map(|number| number * scale));
-        if let Some(offset) = place("WCO:") {
-            self.offset_mm = offset;
-        }
-        let (machine, work) = (place("MPos:"), place("WPos:"));
-        let apart = |from: [f64; AXES], way: [f64; AXES], sign: f64| {
-            std::array::from_fn(|axis| from[axis] + sign * way[axis])
+        // Axes that the machine does not have stay at 0.
+        let place = |values: &[f64]| {
+            std::array::from_fn(|axis| values.get(axis).copied().unwrap_or_default() * scale)
         };
-        let machine_mm = machine.or_else(|| Some(apart(work?, self.offset_mm, 1.0)))?;
-        let work_mm = work.unwrap_or_else(|| apart(machine_mm, self.offset_mm, -1.0));
-        let state = inner.split(['|', ',']).next()?;
-        let is_state = state.starts_with(|letter: char| letter.is_ascii_uppercase());
-        let speed = numbers(inner, "FS:").or_else(|| numbers(inner, "|F:"));
-        is_state.then(|| Report {
-            state: state.into(),
-            machine_mm,
-            rotary: numbers_behind(inner, if machine.is_some() { "MPos:" } else { "WPos:" }),
-            work_mm,
-            speed_mm_min: speed.map(|[speed, ..]| speed * scale),
+        Some(Report {
+            state: report.state.clone(),
+            machine_mm: place(&machine),
+            work_mm: place(work.as_ref().unwrap_or(&machine)),
+            rotary: machine.into_iter().skip(AXES).collect(),
+            speed_mm_min: report.feed().map(|feed| feed * scale),
         })
     }
 
-    /// Reads `$100=250.000`, with whatever some firmware says behind it.
-    fn setting(&mut self, text: &str) {
-        let Some((number, value)) = text.strip_prefix('$').and_then(|text| text.split_once('='))
-        else {
-            return;
-        };
-        let value = value
-            .split([' ', '('])
-            .next()
-            .and_then(|value| value.parse::<f64>().ok());
-        match (number, value) {
-            ("13", Some(value)) => self.is_in_inches = value != 0.0,
-            ("100" | "101" | "102", Some(value)) if value > 0.0 => {
-                let axis = usize::from(number.as_bytes()[2] - b'0');
-                self.steps_per_mm[axis] = Some(value);
+    /// Takes a setting that the machine has told.
+    fn setting(&mut self, number: u16, value: &str) {
+        match (number, value.parse::<f64>()) {
+            (13, Ok(value)) => self.is_in_inches = value != 0.0,
+            (100..=102, Ok(value)) if value > 0.0 => {
+                self.steps_per_mm[usize::from(number - 100)] = Some(value);
             }
             _ => {}
         }
@@ -161,32 +136,6 @@ fn steps(text: &str) -> Option<[Option<i32>; AXES]> {
     }
     let is_whole = found[1].is_some() && words.next().is_none();
     is_whole.then_some(found)
-}
-
-/// Returns up to three numbers behind a key of a report; those that are not there are 0.
-fn numbers(text: &str, key: &str) -> Option<[f64; AXES]> {
-    let (_, behind) = text.split_once(key)?;
-    let field = behind.split('|').next()?;
-    let mut found = [0.0; AXES];
-    for (index, (word, place)) in field.split(',').zip(&mut found).enumerate() {
-        match word.parse() {
-            Ok(number) => *place = number,
-            // The next field of Grbl 0.9.
-            Err(_) if index > 0 && word.starts_with(|letter: char| letter.is_ascii_uppercase()) => {
-                break;
-            }
-            Err(_) => return None,
-        }
-    }
-    Some(found)
-}
-
-/// Returns the numbers behind the first three of a key of a report.
-fn numbers_behind(text: &str, key: &str) -> Vec<f64> {
-    let field = text.split_once(key).map_or("", |(_, behind)| behind);
-    let field = field.split('|').next().unwrap_or_default();
-    let numbers = field.split(',').skip(AXES).map(str::parse);
-    numbers.map_while(Result::ok).collect()
 }
 
 #[cfg(test)]
@@ -265,7 +214,7 @@ mod tests {
             seen(&mut track, "X:1,Y:1\nX:1,Y:2\n"),
             [Sighting::Steps([1, 2], None)]
         );
-        assert!(track.line.is_empty());
+        assert!(track.lines.is_empty());
         let host = "T:20.0 /0.0 X:1.00 Y:2.00 Z:3.00 E:0.00 Count X:1 Y:2 Z:3";
         assert_eq!(
             seen(&mut track, &format!("{host}\n")),

@@ -1,16 +1,20 @@
 //! Moves bytes between sender, machine and picture, until there is an end.
 
 use std::{
-    os::{fd::BorrowedFd, unix::net::UnixStream},
+    os::{
+        fd::{AsFd as _, BorrowedFd},
+        unix::net::UnixStream,
+    },
     sync::Arc,
     time::{Duration, Instant},
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use rustix::{
-    event::{PollFd, PollFlags, Timespec, poll},
-    io::Errno,
+use grbl_client::{
+    link::{self, PollFlags},
+    realtime,
 };
+use rustix::io::Errno;
 use simulation::{machine_answers::MachineAnswers, pty::Pty};
 
 use crate::{
@@ -24,12 +28,7 @@ use crate::{
 
 const Z: usize = 2;
 /// Longest wait for bytes: as long until it is looked whether to ask.
-const WAIT: Timespec = Timespec {
-    tv_sec: 0,
-    tv_nsec: 10_000_000,
-};
-/// Feed hold.
-const HOLD: u8 = b'!';
+const WAIT: Duration = Duration::from_millis(10);
 /// How long a machine may take to answer: a board may start first.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// How often it is asked until then.
@@ -80,7 +79,7 @@ impl Watch {
 
     /// The port or the address.
     pub(crate) fn name(&self) -> &str {
-        &self.source.name
+        &self.source.link.name
     }
 
     /// Waits until the machine answers, and asks for its resolution.
@@ -89,7 +88,7 @@ impl Watch {
             Sighting::Report(report) => Some(report.state.clone()),
             _ => None,
         })?;
-        let (name, hint) = (&self.source.name, &self.source.hint);
+        let (name, hint) = (&self.source.link.name, &self.source.link.hint);
         let seconds = ANSWER_TIMEOUT.as_secs();
         let state = state.with_context(|| {
             format!("{name} has not answered as Grbl does for {seconds} s: {hint}")
@@ -190,7 +189,7 @@ impl Watch {
             ensure!(!self.exchange(None, stop)?, "it was stopped");
             for sighting in std::mem::take(&mut self.seen) {
                 if let Sighting::Other(text) = &sighting {
-                    grbl_client::port::ensure_is_free(&self.source.name, text)?;
+                    self.source.link.ensure_is_free(text)?;
                 }
                 if let Some(found) = find(&sighting) {
                     return Ok(Some(found));
@@ -210,7 +209,7 @@ impl Watch {
         self.start = Instant::now();
         loop {
             if self.tap.asks(self.start.elapsed()) {
-                self.to_machine.push(b'?');
+                self.to_machine.push(realtime::REPORT);
             }
             if let Some(job) = &mut job {
                 job.feed(&mut self.to_machine)?;
@@ -230,7 +229,7 @@ impl Watch {
     /// Holds a machine that is left in the midst of a job: it would carry out the lines that it has, and stand
     /// still with its spindle on.
     fn hold(&self) -> Result<()> {
-        self.source.write(&mut vec![HOLD])?;
+        self.source.link.write(&mut vec![realtime::HOLD])?;
         bail!("the job was interrupted, and the machine is held: ~ goes on, a reset ends it")
     }
 
@@ -277,7 +276,7 @@ impl Watch {
                     job.report(&report.state);
                     // The operator of the virtual machine presses cycle start.
                     if self.is_simulated && report.state == "Hold:0" {
-                        self.to_machine.push(b'~');
+                        self.to_machine.push(realtime::RESUME);
                     }
                 }
             }
@@ -288,10 +287,10 @@ impl Watch {
                 }
             }
             Sighting::Alarm(text) if job.is_some() => {
-                bail!("{} is locked: {text}", self.source.name);
+                bail!("{} is locked: {text}", self.source.link.name);
             }
             Sighting::Alarm(_) | Sighting::Welcome => {}
-            Sighting::Other(text) => grbl_client::port::ensure_is_free(&self.source.name, text)?,
+            Sighting::Other(text) => self.source.link.ensure_is_free(text)?,
         }
         Ok(())
     }
@@ -312,7 +311,7 @@ impl Watch {
         }
         let mut chunk = [0; 4096];
         let now = self.start.elapsed();
-        let length = self.source.read(&mut chunk)?;
+        let length = self.source.link.read(&mut chunk)?;
         let bytes = &chunk[..length];
         let seen = &mut self.seen;
         self.track.push(bytes, |_, sighting| seen.push(sighting));
@@ -320,13 +319,13 @@ impl Watch {
             .received(bytes, now, &mut self.to_sender, &mut self.to_machine);
         let Some(sender) = sender else {
             self.to_sender.clear();
-            return self.source.write(&mut self.to_machine).map(|()| false);
+            return self.source.link.write(&mut self.to_machine).map(|()| false);
         };
         if self.to_machine.len() < BACKLOG {
             let length = moved(rustix::io::read(sender.controller(), &mut chunk))?;
             self.tap.sent(&chunk[..length], now, &mut self.to_machine);
         }
-        self.source.write(&mut self.to_machine)?;
+        self.source.link.write(&mut self.to_machine)?;
         let length = moved(rustix::io::write(sender.controller(), &self.to_sender))?;
         self.to_sender.drain(..length);
         let excess = self.to_sender.len().saturating_sub(UNREAD);
@@ -342,19 +341,14 @@ impl Watch {
             flags.set(PollFlags::OUT, !waiting.is_empty());
             flags
         };
+        let machine = flags(true, &self.to_machine);
         let mut ends = vec![
-            PollFd::new(stop, PollFlags::IN),
-            PollFd::from_borrowed_fd(self.source.line(), flags(true, &self.to_machine)),
+            (stop.as_fd(), PollFlags::IN),
+            (self.source.link.as_fd(), machine),
         ];
         let reads = self.to_machine.len() < BACKLOG;
-        ends.extend(
-            sender.map(|sender| PollFd::from_borrowed_fd(sender, flags(reads, &self.to_sender))),
-        );
-        match poll(&mut ends, Some(&WAIT)) {
-            Ok(_) => Ok(!ends[0].revents().is_empty()),
-            Err(Errno::INTR) => Ok(false),
-            Err(error) => Err(error).context("cannot wait for the machine"),
-        }
+        ends.extend(sender.map(|sender| (sender, flags(reads, &self.to_sender))));
+        Ok(link::wait(&ends, WAIT)?[0])
     }
 }
 

@@ -4,14 +4,12 @@
 
 use std::mem;
 
-use leadscrew::model::Alarm;
-use simulation::sender::{Answered, Received, Response, Sender};
-
-use crate::{
-    machine::{HOLD, REPORT, RESET, meaning},
-    manual_lines::ManualLines,
-    status::Status,
+use grbl_client::{
+    Line, Response, Sender, Status, meaning, realtime,
+    sender::{Answered, Received},
 };
+
+use crate::manual_lines::ManualLines;
 
 /// Waits until everything is done: a dwell is answered at its end.
 const LAST: &[u8] = b"G4 P0.01";
@@ -37,19 +35,15 @@ pub(crate) const KEYS: [(u8, Key); 13] = [
     (b'r', Key::Resume),
     (b'q', Key::Stop),
     (b't', Key::ManualLines),
-    // Feed: 10 % more, 10 % less, as programmed.
-    (b'+', Key::Realtime(0x91)),
-    (b'-', Key::Realtime(0x92)),
-    (b'0', Key::Realtime(0x90)),
-    // Rapids: full, a half, a quarter.
-    (b'f', Key::Realtime(0x95)),
-    (b'm', Key::Realtime(0x96)),
-    (b'l', Key::Realtime(0x97)),
-    // Spindle: 10 % more, 10 % less.
-    (b'S', Key::Realtime(0x9a)),
-    (b's', Key::Realtime(0x9b)),
-    // Flood coolant on and off.
-    (b'c', Key::Realtime(0xa0)),
+    (b'+', Key::Realtime(realtime::FEED_MORE)),
+    (b'-', Key::Realtime(realtime::FEED_LESS)),
+    (b'0', Key::Realtime(realtime::FEED_RESET)),
+    (b'f', Key::Realtime(realtime::RAPIDS_FULL)),
+    (b'm', Key::Realtime(realtime::RAPIDS_HALF)),
+    (b'l', Key::Realtime(realtime::RAPIDS_QUARTER)),
+    (b'S', Key::Realtime(realtime::SPINDLE_MORE)),
+    (b's', Key::Realtime(realtime::SPINDLE_LESS)),
+    (b'c', Key::Realtime(realtime::FLOOD)),
 ];
 
 impl Key {
@@ -143,6 +137,11 @@ impl Job {
         }
     }
 
+    /// Counts on a receive buffer that has room for so many bytes. Nothing may have been sent.
+    pub(crate) fn count_on(&mut self, window: usize) {
+        self.sender = Sender::new(window);
+    }
+
     /// Lines of the program that have been answered, with those before the first.
     pub(crate) fn answered(&self) -> usize {
         let answered = (self.sender.answered() as usize).min(self.lines.len());
@@ -164,7 +163,7 @@ impl Job {
 
     /// Asks for a report.
     pub(crate) fn ask(&mut self) {
-        self.output.push(REPORT);
+        self.output.push(realtime::REPORT);
     }
 
     /// Sends what the machine has room for.
@@ -191,29 +190,36 @@ impl Job {
 
     /// Takes a line of the machine.
     pub(crate) fn receive(&mut self, line: &str) {
-        if self.status.read(line) {
-            let note = self.manual_lines.report(&self.status.state);
-            self.notes.extend(note.map(str::to_owned));
-            self.look();
-        } else if let Some(note) = self.manual_lines.answer(line) {
-            self.notes.push(note);
-        } else if let Some(number) = line.strip_prefix("ALARM:") {
-            self.alarm(number);
-        } else if line.starts_with("Grbl") {
-            self.welcome();
-        } else {
-            // Lines that a reset has interrupted are answered, too, but have not been carried out.
-            if matches!(self.phase, Phase::Resetting(_)) {
-                return;
+        match Line::read(line) {
+            Line::Report(report) => {
+                self.status.take(report);
+                let note = self.manual_lines.report(&self.status.report.state);
+                self.notes.extend(note.map(str::to_owned));
+                self.look();
             }
-            match self.sender.receive(line) {
-                Received::Answer(answered) => self.answer(&answered),
-                Received::Surplus(_) => {}
-                Received::Message if line.is_empty() => {}
-                Received::Message => {
-                    self.message = line.into();
-                    self.notes.push(line.into());
-                }
+            Line::Alarm(number) => self.alarm(number),
+            Line::Welcome => self.welcome(),
+            _ => self.receive_other(line),
+        }
+    }
+
+    /// Takes an answer or a message.
+    fn receive_other(&mut self, line: &str) {
+        if let Some(note) = self.manual_lines.answer(line) {
+            self.notes.push(note);
+            return;
+        }
+        // Lines that a reset has interrupted are answered, too, but have not been carried out.
+        if matches!(self.phase, Phase::Resetting(_)) {
+            return;
+        }
+        match self.sender.receive(line) {
+            Received::Answer(answered) => self.answer(&answered),
+            Received::Surplus(_) => {}
+            Received::Message if line.is_empty() => {}
+            Received::Message => {
+                self.message = line.into();
+                self.notes.push(line.into());
             }
         }
     }
@@ -231,7 +237,7 @@ impl Job {
         };
         let refusal = format!(
             "{place} is refused: {text}: error:{number}{}",
-            meaning(number)
+            meaning::behind_comma(meaning::error(number))
         );
         if self.goes_on && index >= self.approach {
             self.notes.push(refusal);
@@ -243,23 +249,23 @@ impl Job {
     /// Looks at a report.
     fn look(&mut self) {
         match &self.phase {
-            Phase::Stopping(reason) if self.status.is_at_rest() => {
-                self.output.push(RESET);
+            Phase::Stopping(reason) if self.status.report.is_at_rest() => {
+                self.output.push(realtime::RESET);
                 self.phase = Phase::Resetting(reason.clone());
             }
             // The operator unlocks it, where he has probed nothing.
             Phase::Running
-                if self.status.state == "Alarm"
+                if self.status.report.state_name() == "Alarm"
                     && self.manual_lines.is_on()
                     && self.has_operator => {}
-            Phase::Running if self.status.state == "Alarm" => {
+            Phase::Running if self.status.report.state_name() == "Alarm" => {
                 self.phase = Phase::Failed("the machine is locked".into());
             }
-            Phase::Running if self.status.is_held() => self.wait(),
+            Phase::Running if self.status.report.is_held() => self.wait(),
             Phase::Running => {
                 self.is_wait_told = false;
                 let is_done = self.is_last_sent && self.sender.is_done();
-                if is_done && matches!(self.status.state.as_str(), "Idle" | "Check") {
+                if is_done && matches!(self.status.report.state_name(), "Idle" | "Check") {
                     self.phase = Phase::Done;
                 }
             }
@@ -271,7 +277,7 @@ impl Job {
     fn wait(&mut self) {
         if !self.has_operator {
             let why = match self.message.as_str() {
-                "" => self.status.state.clone(),
+                "" => self.status.report.state.clone(),
                 message => message.into(),
             };
             self.stop(format!(
@@ -294,9 +300,7 @@ impl Job {
     }
 
     fn alarm(&mut self, number: &str) {
-        let mut alarms = Alarm::ALL.into_iter();
-        let alarm = alarms.find(|alarm| alarm.number().to_string() == number);
-        let text = alarm.map_or(String::new(), |alarm| format!(", {}", alarm.text()));
+        let text = meaning::behind_comma(meaning::alarm(number));
         if self.manual_lines.is_on() {
             self.notes
                 .push(format!("ALARM:{number}{text}: $X unlocks the machine"));
@@ -318,8 +322,8 @@ impl Job {
     /// Ends the job: the machine is held, and reset when it is at rest, so that it keeps its position.
     pub(crate) fn stop(&mut self, reason: String) {
         if self.phase == Phase::Running {
-            self.output.push(HOLD);
-            self.output.push(REPORT);
+            self.output.push(realtime::HOLD);
+            self.output.push(realtime::REPORT);
             self.phase = Phase::Stopping(reason);
         }
     }
@@ -332,15 +336,17 @@ impl Job {
         match key {
             Key::Hold => {
                 self.is_hold_asked = true;
-                self.output.push(HOLD);
+                self.output.push(realtime::HOLD);
             }
-            Key::ManualLines if self.status.is_held() => self.manual_lines.begin(&mut self.output),
+            Key::ManualLines if self.status.report.is_held() => {
+                self.manual_lines.begin(&mut self.output);
+            }
             Key::ManualLines => {}
             Key::Resume => {
                 self.manual_lines.resume();
                 self.is_hold_asked = false;
                 self.is_wait_told = false;
-                self.output.push(b'~');
+                self.output.push(realtime::RESUME);
             }
             Key::Stop => self.stop("the operator has stopped the job".into()),
             Key::Realtime(byte) => self.output.push(byte),

@@ -3,14 +3,12 @@
 mod approach;
 mod forecast;
 mod job;
-mod link;
 mod machine;
 mod manual_lines;
 mod record;
 mod replay;
 mod resume;
 mod screen;
-mod status;
 
 use std::{
     io::Read as _,
@@ -21,10 +19,14 @@ use std::{
 };
 
 use anstream::println;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Parser;
 use common::{BAUD, text::duration, ui};
-use rustix::event::PollFlags;
+use grbl_client::{
+    Link, Machine, WINDOW,
+    answer::Queues,
+    link::{self, LinkLost, PollFlags, Stopped},
+};
 use simulation::{
     interrupt,
     machine_answers::{MachineAnswers, UNLIMITED_BAUD},
@@ -34,8 +36,6 @@ use simulation::{
 use approach::Plunge;
 use forecast::Forecast;
 use job::{Job, Phase};
-use link::{Link, LinkLost, Stopped};
-use machine::Machine;
 use record::{Record, RecordFile};
 use resume::{Beginning, Entry};
 use screen::{Keyboard, Screen};
@@ -107,7 +107,15 @@ struct Options {
 
 fn main() -> ExitCode {
     let options = Options::parse();
-    common::main(|| run(&options))
+    common::main(|| {
+        run(&options).map_err(|error| {
+            if error.is::<Stopped>() {
+                anyhow!("it was stopped before the job was begun")
+            } else {
+                error
+            }
+        })
+    })
 }
 
 /// Reads a time that can be waited for.
@@ -153,7 +161,9 @@ fn connect(options: &Options, stop: &mut UnixStream) -> Result<Machine> {
     let timeout = Duration::from_secs_f64(options.timeout);
     let mut is_told = false;
     loop {
-        match link(options).and_then(|link| Machine::connect(link, timeout, stop)) {
+        let address = options.tcp.as_deref();
+        let link = Link::open(options.port.as_deref(), options.baud, address, timeout);
+        match link.and_then(|link| Machine::connect(link, timeout, Some(stop))) {
             Err(error) if options.wait && !error.is::<Stopped>() => {
                 if !is_told {
                     is_told = true;
@@ -178,10 +188,10 @@ fn send(
 ) -> Result<ExitCode> {
     let continues = kept.is_some() || options.from.is_some();
     if continues {
-        machine.come_to_rest()?;
+        machine::come_to_rest(&mut machine)?;
     }
-    machine.make_ready(options.home)?;
-    let answers = machine.answers()?;
+    machine::make_ready(&mut machine, options.home)?;
+    let answers = machine::answers(&mut machine)?;
     let began = kept.map_or(&answers, |record| &record.began);
     let forecast = look_ahead(options, began, lines, stop)?;
     let (approach, first) = if continues {
@@ -195,6 +205,8 @@ fn send(
     // Ctrl-C while the job was tried: it would be held only after its first lines.
     ensure!(!link::is_stopped(stop)?, Stopped);
     let mut job = Job::new(&approach, lines, first, options.despite_refusals);
+    let queues = answers.version.iter().find_map(|line| Queues::read(line));
+    job.count_on(queues.map_or(WINDOW, |queues| queues.window()));
     // It has the offset in it, which not every report has.
     job.status.clone_from(&machine.status);
     let mut run = Run {
@@ -230,15 +242,6 @@ fn read(path: &Path) -> Result<Vec<Vec<u8>>> {
     }
     ensure!(!lines.is_empty(), "{} is empty", path.display());
     Ok(lines)
-}
-
-/// The line to the machine.
-fn link(options: &Options) -> Result<Link> {
-    match (&options.port, &options.tcp) {
-        (Some(port), _) => Link::serial(port, options.baud),
-        (None, Some(address)) => Link::tcp(address, Duration::from_secs_f64(options.timeout)),
-        (None, None) => bail!("neither a port nor an address is given"),
-    }
 }
 
 /// Runs the job on the virtual machine.
@@ -395,8 +398,8 @@ impl Run<'_> {
         for note in self.job.take_notes() {
             self.screen.say(&note);
         }
-        if !self.job.status.state.is_empty() {
-            let since_s = if self.job.status.is_held() {
+        if !self.job.status.report.state.is_empty() {
+            let since_s = if self.job.status.report.is_held() {
                 0.0
             } else {
                 since.elapsed().as_secs_f64()

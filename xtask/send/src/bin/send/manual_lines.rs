@@ -3,12 +3,12 @@
 //! Pure. The machine executes lines then, and keeps those that the job has sent before; so nothing more of the
 //! job is sent until the machine goes on with it.
 
-use simulation::sender::{Response, code};
+use grbl_client::{
+    Response, meaning,
+    realtime::{HOLD, TOOL_CHANGE},
+    sender::code,
+};
 
-use crate::machine::{HOLD, meaning};
-
-/// Has the machine execute lines in the hold of a change of the tool.
-const TOOL_CHANGE: u8 = 0xa3;
 /// Reports after which a machine that has not followed will not.
 const REPORTS: u32 = 5;
 
@@ -93,7 +93,9 @@ impl ManualLines {
         let response = Response::parse(line).filter(|_| self.unanswered > 0)?;
         self.unanswered -= 1;
         Some(match response {
-            Response::Error(number) => format!("{line}{}", meaning(number)),
+            Response::Error(number) => {
+                format!("{line}{}", meaning::behind_comma(meaning::error(number)))
+            }
             Response::Ok => line.into(),
         })
     }

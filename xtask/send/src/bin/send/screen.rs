@@ -9,16 +9,19 @@ use std::{
 use anstream::println;
 use anyhow::{Result, bail};
 use common::text::duration;
+use grbl_client::{
+    Status,
+    link::{self, PollFlags, Stopped},
+};
 use indicatif::{ProgressBar, ProgressStyle};
 use leadscrew::axis::LETTERS;
 use rustix::{
-    event::PollFlags,
     io::Errno,
     termios::{LocalModes, OptionalActions, Termios},
 };
 use simulation::output;
 
-use crate::{job::Job, link, status::Status};
+use crate::job::Job;
 
 /// How often the state is printed where nobody can see a bar.
 const PRINT_EVERY: Duration = Duration::from_secs(10);
@@ -80,7 +83,7 @@ impl Keyboard {
             ];
             let ready = link::wait(&files, Duration::from_secs(1))?;
             if ready[1] {
-                bail!(link::Stopped);
+                bail!(Stopped);
             }
             let pressed = if ready[0] { self.read() } else { Vec::new() };
             for key in pressed {
@@ -145,9 +148,9 @@ impl Screen {
         let is_due = self
             .printed
             .is_none_or(|printed| printed.elapsed() >= PRINT_EVERY);
-        if self.is_plain && (is_due || self.state != job.status.state) {
+        if self.is_plain && (is_due || self.state != job.status.report.state) {
             self.printed = Some(Instant::now());
-            self.state.clone_from(&job.status.state);
+            self.state.clone_from(&job.status.report.state);
             println!("{state}");
         }
     }
@@ -175,11 +178,13 @@ fn state(status: &Status, answered: usize, lines: usize, remaining_s: Option<f64
         format!("  {} left", duration(left.round()))
     });
     let [feed, rapids, spindle] = status.overrides;
+    let report = &status.report;
+    let speeds = report.field("FS").or_else(|| report.field("F"));
     format!(
         "{:<7} line {answered} of {lines}{left}  {}  F,S {}  Ov {feed},{rapids},{spindle} %",
-        status.state,
+        report.state,
         position.join(" "),
-        status.speeds,
+        speeds.unwrap_or_default(),
     )
 }
 

@@ -3,15 +3,13 @@
 use std::path::Path;
 
 use anstream::println;
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context as _, Result, anyhow, bail};
 use common::ui;
+use grbl_client::{Machine, Response, answer};
 use leadscrew::settings::Settings;
 use simulation::settings::{self, Dump, Entry};
 
-use crate::{
-    compare::{self, Difference},
-    machine::{Ending, Machine},
-};
+use crate::compare::{self, Difference};
 
 /// The settings of a file, of two with one number the later one.
 ///
@@ -27,13 +25,18 @@ pub(crate) fn wanted(file: &Path, dump: &Dump) -> Result<Vec<Entry>> {
     Ok(entries)
 }
 
+/// The settings of the machine that this tool knows.
+pub(crate) fn settings(machine: &mut Machine) -> Result<Vec<Entry>> {
+    Ok(Dump::read(&machine.settings()?.join("\n")).entries)
+}
+
 /// Changes the machine's settings to those of a file.
 ///
 /// # Errors
 /// Every setting that is refused: before anything is sent, where the machine is of this firmware.
 pub(crate) fn load(machine: &mut Machine, file: &Path, dump: &Dump) -> Result<()> {
     let wanted = wanted(file, dump)?;
-    let before = machine.settings()?;
+    let before = settings(machine)?;
     let is_there = |entry: &Entry| compare::value(&before, entry.number).is_some();
     let (there, missing): (Vec<_>, Vec<_>) = wanted.into_iter().partition(is_there);
     let missing: Vec<_> = missing
@@ -66,7 +69,9 @@ fn in_order(
     before: &[Entry],
     wanted: Vec<Entry>,
 ) -> Result<Vec<Entry>> {
-    let Some(step_rate) = machine.step_rate()? else {
+    let version = machine.ask("$I", machine.timeout)?.lines;
+    // Other firmware does not tell.
+    let Some(step_rate) = version.iter().find_map(|line| answer::step_rate(line)) else {
         return Ok(wanted);
     };
     // What is stored may be more than this firmware is proven for: then the machine decides.
@@ -85,10 +90,12 @@ fn send(machine: &mut Machine, mut pending: Vec<Entry>) -> Result<Vec<(Entry, u1
         let mut refused = Vec::new();
         for entry in pending {
             let text = format!("${}", entry.statement());
-            match machine.ask(&text)?.1 {
-                Ending::Accepted => {}
-                Ending::Refused(number @ (8 | 9)) => return Err(machine.refused(&text, number)),
-                Ending::Refused(number) => refused.push((entry, number)),
+            let answer = machine.ask(&text, machine.timeout);
+            match answer.context("not all was sent: see --diff")?.response {
+                Response::Ok => {}
+                // It is in a state in which it takes none.
+                Response::Error(number @ (8 | 9)) => return Err(machine.refused(&text, number)),
+                Response::Error(number) => refused.push((entry, number)),
             }
         }
         if refused.is_empty() || refused.len() == before {
@@ -108,7 +115,7 @@ fn report(
     sent: &[Entry],
     refused: &[(Entry, u16)],
 ) -> Result<()> {
-    let after = machine.settings()?;
+    let after = settings(machine)?;
     let value = |entries: &[Entry], number| compare::value(entries, number).unwrap_or("-").into();
     let changes: Vec<_> = sent
         .iter()

@@ -1,9 +1,7 @@
 //! `cargo xtask settings`: a machine's settings, saved, compared and loaded.
 
 mod compare;
-mod link;
 mod load;
-mod machine;
 
 use std::{
     fs::{self, File},
@@ -17,10 +15,8 @@ use anstream::println;
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use common::{BAUD, ui};
+use grbl_client::{Link, Machine};
 use simulation::settings;
-
-use link::Link;
-use machine::Machine;
 
 /// Save the settings of a machine, compare them with a file, or load them
 ///
@@ -76,9 +72,12 @@ fn run(options: &Options) -> Result<ExitCode> {
     if let (Some(file), Some(names)) = (file, dump.left_out()) {
         ui::warning(&format!("{}: left out {names}", file.display()));
     }
-    let mut machine = Machine::connect(link(options)?)?;
+    let timeout = Duration::from_secs_f64(options.timeout);
+    let address = options.tcp.as_deref();
+    let link = Link::open(options.port.as_deref(), options.baud, address, timeout)?;
+    let mut machine = Machine::connect(link, timeout, None)?;
     if let Some(file) = &options.save {
-        let lines = machine.list()?;
+        let lines = machine.settings()?;
         save(file, &lines)?;
         let what = format!("{} settings to {}", lines.len(), file.display());
         ui::status("Saved", &what);
@@ -90,7 +89,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let wanted = load::wanted(file, &dump)?;
-    let comparison = compare::compare(&wanted, &machine.settings()?);
+    let comparison = compare::compare(&wanted, &load::settings(&mut machine)?);
     if let Some(names) = comparison.only_on_the_machine() {
         ui::warning(&format!("{} does not have {names}", file.display()));
     }
@@ -103,16 +102,6 @@ fn run(options: &Options) -> Result<ExitCode> {
         compare::table("file", "machine", &comparison.differences)
     );
     Ok(ExitCode::FAILURE)
-}
-
-/// The line to the machine.
-fn link(options: &Options) -> Result<Link> {
-    let timeout = Duration::from_secs_f64(options.timeout);
-    match (&options.port, &options.tcp) {
-        (Some(port), _) => Link::serial(port, options.baud, timeout),
-        (None, Some(address)) => Link::tcp(address, timeout),
-        (None, None) => anyhow::bail!("neither a port nor an address is given"),
-    }
 }
 
 /// Writes lines to a file, all of them or nothing.

@@ -3,44 +3,11 @@
 //! Pure: it says what may be sent and what an answer belongs to; the caller owns the line. Shared
 //! by every way to drive a machine. Read with Grbl's `stream.py` and the notes on its interface.
 
-use std::{collections::VecDeque, fmt};
+use std::collections::VecDeque;
 
-use leadscrew::sim::WINDOW;
-use serde::{Serialize, Serializer};
+pub use leadscrew::sim::WINDOW;
 
-/// The machine's answer to one line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Response {
-    /// `ok`.
-    Ok,
-    /// `error:N`.
-    Error(u16),
-}
-
-impl Response {
-    /// Reads an answer; `None` for every other text.
-    pub fn parse(text: &str) -> Option<Self> {
-        match text.strip_prefix("error:") {
-            Some(number) => number.parse().ok().map(Self::Error),
-            None => (text == "ok").then_some(Self::Ok),
-        }
-    }
-}
-
-impl fmt::Display for Response {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Ok => formatter.write_str("ok"),
-            Self::Error(number) => write!(formatter, "error:{number}"),
-        }
-    }
-}
-
-impl Serialize for Response {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
+pub use crate::Response;
 
 /// A line that was answered.
 #[derive(Debug, PartialEq, Eq)]
@@ -65,16 +32,34 @@ pub enum Received {
 }
 
 /// The lengths of the lines that are not answered, with their line feeds.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct InFlight {
+    window: usize,
     lengths: VecDeque<usize>,
     bytes: usize,
 }
 
+impl Default for InFlight {
+    fn default() -> Self {
+        Self::new(WINDOW)
+    }
+}
+
 impl InFlight {
+    /// Nothing is in flight to a machine that has room for so many bytes: [`WINDOW`] where it does not tell.
+    #[must_use]
+    pub fn new(window: usize) -> Self {
+        Self {
+            window,
+            lengths: VecDeque::new(),
+            bytes: 0,
+        }
+    }
+
     /// Whether the machine's receive buffer has room for a line of this length, whatever has arrived.
+    #[must_use]
     pub fn has_room(&self, length: usize) -> bool {
-        self.lengths.is_empty() || self.bytes + length <= WINDOW
+        self.lengths.is_empty() || self.bytes + length <= self.window
     }
 
     /// Takes note of a line that is sent.
@@ -89,11 +74,13 @@ impl InFlight {
     }
 
     /// The number of lines.
+    #[must_use]
     pub fn len(&self) -> usize {
         self.lengths.len()
     }
 
     /// Whether every line is answered.
+    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.lengths.is_empty()
     }
@@ -110,7 +97,17 @@ pub struct Sender {
 }
 
 impl Sender {
+    /// A sender to a machine that has room for so many bytes.
+    #[must_use]
+    pub fn new(window: usize) -> Self {
+        Self {
+            in_flight: InFlight::new(window),
+            ..Self::default()
+        }
+    }
+
     /// Whether a line may be sent now.
+    #[must_use]
     pub fn may_send(&self, line: &[u8]) -> bool {
         let may_follow = !self.exclusive && !is_sent_alone(line);
         self.in_flight.has_room(line.len() + 1) && (may_follow || self.is_done())
@@ -141,16 +138,19 @@ impl Sender {
     }
 
     /// Number of lines sent.
+    #[must_use]
     pub fn sent(&self) -> u64 {
         self.sent
     }
 
     /// Number of lines answered.
+    #[must_use]
     pub fn answered(&self) -> u64 {
         self.sent - self.in_flight.len() as u64
     }
 
     /// Whether every line sent has been answered.
+    #[must_use]
     pub fn is_done(&self) -> bool {
         self.in_flight.is_empty()
     }
@@ -158,6 +158,7 @@ impl Sender {
 
 /// Whether a line may write to the settings memory, so that bytes sent behind it could be lost on
 /// an AVR: senders wait before and after it. `$` lines, `G10`, `G28.1` and `G30.1`.
+#[must_use]
 pub fn is_sent_alone(line: &[u8]) -> bool {
     let code = code(line);
     code.first() == Some(&b'$')
@@ -165,6 +166,7 @@ pub fn is_sent_alone(line: &[u8]) -> bool {
 }
 
 /// A line in upper case without blanks and comments.
+#[must_use]
 pub fn code(line: &[u8]) -> Vec<u8> {
     let mut code = Vec::new();
     let mut in_comment = false;
@@ -211,6 +213,14 @@ mod tests {
         assert!(!sender.may_send(b"G0X1000"));
         assert!(matches!(sender.receive("ok"), Received::Answer(_)));
         assert!(sender.may_send(b"G0X1000"));
+    }
+
+    #[test]
+    fn a_machine_that_tells_of_more_room_gets_more() {
+        let mut sender = Sender::new(1023);
+        sender.send(vec![b'X'; 1000]);
+        assert!(sender.may_send(&[b'Y'; 21]));
+        assert!(!sender.may_send(&[b'Y'; 22]));
     }
 
     #[test]
