@@ -12,7 +12,7 @@ use leadscrew::{
     axis::Axes,
     model::{State, queues::RECEIVED_RING},
     settings::Settings,
-    sim::Simulator,
+    sim::{Simulator, WINDOW},
     units::TICKS_PER_SECOND,
 };
 
@@ -21,8 +21,6 @@ const HOURS: f64 = if cfg!(debug_assertions) { 0.25 } else { 24.0 };
 const SECOND: u64 = TICKS_PER_SECOND as u64;
 /// One byte at 115 200 baud.
 const BYTE_TICKS: u64 = SECOND * 10 / 115_200;
-/// Bytes that the sender has on their way at most.
-const WINDOW: usize = 127;
 /// Longest time from a `?` to the first byte of its report.
 const PROMPT_TICKS: u64 = SECOND / 200;
 /// Greatest growth of the process while the machine runs, KiB.

@@ -6,10 +6,9 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::machine::{Machine, RESET, TIMEOUT, is_answer};
+use leadscrew::sim::WINDOW;
 
-/// Bytes on their way unanswered, as senders keep them.
-const WINDOW: usize = 127;
+use crate::machine::{Machine, RESET, TIMEOUT, is_answer};
 
 /// Streams lines and checks that each gets its own answer, in order.
 pub(crate) struct Sender<'a> {

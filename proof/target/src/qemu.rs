@@ -9,6 +9,7 @@ use std::{
 use anstream::println;
 use anyhow::{Result, bail, ensure};
 use common::{cargo, text, ui};
+use grbl_client::{Report, Response, Sender, realtime, sender::Received};
 use indicatif::ProgressBar;
 use leadscrew::settings::{Settings, StepRate};
 use owo_colors::OwoColorize;
@@ -17,7 +18,6 @@ use simulation::{
     output,
     program::Program,
     refusal,
-    sender::{Received, Response, Sender},
     settings::{self, Loaded},
     summary,
 };
@@ -171,7 +171,7 @@ impl Host<'_> {
             if self.state == "Hold:0" {
                 // A program pause: whoever stands at the machine presses cycle start.
                 self.state.clear();
-                self.emulator.send(b"~")?;
+                self.emulator.send(&[realtime::RESUME])?;
             }
         }
     }
@@ -179,7 +179,7 @@ impl Host<'_> {
     fn wait_for_standstill(&mut self) -> Result<()> {
         self.state.clear();
         self.changed.restart();
-        self.emulator.send(b"?")?;
+        self.emulator.send(&[realtime::REPORT])?;
         loop {
             self.listen()?;
             match self.state.as_str() {
@@ -201,11 +201,11 @@ impl Host<'_> {
                 "the firmware does not answer any more, after {} lines",
                 self.sender.answered()
             );
-            return self.emulator.send(b"?");
+            return self.emulator.send(&[realtime::REPORT]);
         };
         self.heard.restart();
-        if line.starts_with('<') {
-            self.state = status(&line).into();
+        if let Some(report) = Report::read(&line) {
+            self.state = report.state;
             if line != self.report {
                 self.report = line;
                 self.changed.restart();
@@ -235,23 +235,5 @@ impl Host<'_> {
             }
         }
         Ok(())
-    }
-}
-
-/// The state in a status report.
-fn status(report: &str) -> &str {
-    let inner = report.trim_start_matches('<');
-    inner.split(['|', '>']).next().unwrap_or_default()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_state_is_read_from_a_report() {
-        assert_eq!(status("<Idle|MPos:0.000,0.000,0.000|FS:0,0>"), "Idle");
-        assert_eq!(status("<Hold:0|MPos:0.000>"), "Hold:0");
-        assert_eq!(status("<Alarm>"), "Alarm");
     }
 }

@@ -1,5 +1,7 @@
 //! The accounting of a serial line, in whichever protocol.
 
+use grbl_client::Report;
+
 /// The books of a serial line: they are told all that passes, in its order.
 pub(crate) trait Account: Send {
     /// The sender has written bytes.
@@ -21,12 +23,7 @@ pub(crate) trait Account: Send {
 
     /// The machine position in the newest report, mm.
     fn position(&self) -> Option<Vec<f64>> {
-        let (_, rest) = self.report().split_once("|MPos:")?;
-        let numbers = rest.split(['|', '>']).next()?;
-        numbers
-            .split(',')
-            .map(|number| number.parse().ok())
-            .collect()
+        Report::read(self.report())?.machine_position()
     }
 }
 

@@ -7,6 +7,7 @@
 
 use std::collections::VecDeque;
 
+use grbl_client::{Report, realtime};
 use leadscrew::model::WorkCoordinates;
 
 use super::account::{Account, whole_line};
@@ -205,15 +206,14 @@ impl Grbl {
         // Grbl keeps one question: those that came before this report have had their answer.
         self.open_queries = self.open_queries.saturating_sub(1);
         self.is_report_due = false;
-        let is_whole = text.ends_with('>') && text.contains("|MPos:") && text.contains("|FS:");
-        if !is_whole {
+        let report = Report::read(text).unwrap_or_default();
+        if report.field("MPos").is_none() || report.field("FS").is_none() {
             self.fault(format!("a report without its parts: {text}"));
         }
-        let state = text[1..].split(['|', '>']).next().unwrap_or_default();
-        if !STATES.contains(&state) {
+        if !STATES.contains(&report.state.as_str()) {
             self.fault(format!("no such state: {text}"));
-        } else if !self.states.iter().any(|seen| seen == state) {
-            self.states.push(state.into());
+        } else if !self.states.contains(&report.state) {
+            self.states.push(report.state);
         }
         self.report = text.into();
     }
@@ -246,18 +246,18 @@ impl Grbl {
 
 impl Account for Grbl {
     fn sent(&mut self, bytes: &[u8]) {
-        for byte in bytes {
+        for &byte in bytes {
             match byte {
-                b'?' => {
+                realtime::REPORT => {
                     self.counts.queries += 1;
                     self.open_queries += 1;
                     self.is_report_due = true;
                 }
-                0x18 => self.reset_asked(),
-                b'!' | b'~' | 0x80.. => self.counts.realtime += 1,
+                realtime::RESET => self.reset_asked(),
+                realtime::HOLD | realtime::RESUME | 0x80.. => self.counts.realtime += 1,
                 // Each of them ends a line, as for Grbl.
                 b'\n' | b'\r' => self.line_sent(),
-                byte => self.sent.push(*byte),
+                byte => self.sent.push(byte),
             }
         }
     }
@@ -305,9 +305,8 @@ impl Account for Grbl {
 
     fn progress(&self) -> String {
         let counts = &self.counts;
-        let mut fields = self.report.trim_start_matches('<').split(['|', '>']);
-        let state = fields.next().unwrap_or_default();
-        let place = fields.next().unwrap_or_default();
+        let report = Report::read(&self.report).unwrap_or_default();
+        let (state, place) = (&report.state, report.field("MPos").unwrap_or_default());
         format!(
             "{state} at {place}, {} lines, {} answers, {} resets, {} welcomes",
             counts.lines, counts.answers, counts.resets, counts.welcomes

@@ -25,7 +25,7 @@ mod machine;
 mod port;
 
 pub use line::{Line, Lines, Response};
-pub use report::{NoReport, Report, Room, Status};
+pub use report::{NoReport, Report, Room, Status, numbers};
 pub use sender::{InFlight, Sender, WINDOW};
 
 #[cfg(feature = "os")]

@@ -243,8 +243,9 @@ impl Status {
     }
 }
 
-/// Numbers between commas.
-fn numbers(text: &str) -> Option<Vec<f64>> {
+/// Numbers between commas; `None` where one cannot be read.
+#[must_use]
+pub fn numbers(text: &str) -> Option<Vec<f64>> {
     let number = |text: &str| {
         text.trim()
             .parse()

@@ -8,7 +8,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use simulation::sender::InFlight;
+use grbl_client::{InFlight, Line, Report, Response, realtime};
 
 /// Longest silence, host time.
 const TIMEOUT: Duration = Duration::from_mins(1);
@@ -36,7 +36,7 @@ impl<W: Write> Sender<W> {
             from: lines,
             in_flight: InFlight::default(),
         };
-        while !sender.receive()?.starts_with("Grbl ") {}
+        while Line::read(&sender.receive()?) != Line::Welcome {}
         Ok(sender)
     }
 
@@ -70,33 +70,28 @@ impl<W: Write> Sender<W> {
 
     /// The machine position, mm. To be asked when nothing is in flight.
     pub(crate) fn position(&mut self) -> Result<Vec<f64>> {
-        self.to.write_all(b"?")?;
+        self.to.write_all(&[realtime::REPORT])?;
         self.to.flush()?;
         let report = loop {
-            let line = self.receive()?;
-            if line.starts_with('<') {
-                break line;
+            if let Some(report) = Report::read(&self.receive()?) {
+                break report;
             }
         };
-        ensure!(report.starts_with("<Idle|"), "not at rest: {report}");
-        let (_, rest) = report.split_once("MPos:").context("no MPos reported")?;
-        let numbers = rest.split(['|', '>']).next().unwrap_or_default();
-        let numbers = numbers.split(',').map(str::parse);
-        numbers
-            .collect::<Result<_, _>>()
-            .with_context(|| format!("damaged report: {report}"))
+        ensure!(report.state == "Idle", "not at rest: {}", report.state);
+        report.machine_position().context("no MPos reported")
     }
 
     /// Takes the answer to the oldest line in flight.
     fn answer(&mut self) -> Result<()> {
         loop {
             let line = self.receive()?;
-            if line == "ok" {
-                self.in_flight.answer();
-                return Ok(());
-            }
-            if line.starts_with("error:") || line.starts_with("ALARM:") {
-                bail!("the firmware answered {line}");
+            match Line::read(&line) {
+                Line::Response(Response::Ok) => {
+                    self.in_flight.answer();
+                    return Ok(());
+                }
+                Line::Response(_) | Line::Alarm(_) => bail!("the firmware answered {line}"),
+                _ => {}
             }
         }
     }

@@ -15,10 +15,11 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
+use grbl_client::{Line, Response};
 use leadscrew::{axis::AXES, units::TICKS_PER_SECOND};
 use object::{Object, ObjectSymbol};
 use serde_json::{Value, json};
-use simulation::{machine::SwitchPositions, sender::Response};
+use simulation::machine::SwitchPositions;
 
 use super::{Debugger, Patience, patience::Patient, serial::Serial};
 
@@ -145,7 +146,7 @@ impl Emulator {
         loop {
             let line = self.receive(patience)?;
             let line = line.context("the firmware does not start: no welcome line has come")?;
-            if line.starts_with("Grbl ") {
+            if Line::read(&line) == Line::Welcome {
                 return Ok(());
             }
         }

@@ -18,6 +18,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
+use grbl_client::Lines;
 
 /// How long QEMU may take to take bytes.
 const TIMEOUT: Duration = Duration::from_secs(20);
@@ -28,8 +29,7 @@ const WAIT: Duration = Duration::from_millis(20);
 pub(super) struct Serial {
     stream: UnixStream,
     arrived: Receiver<io::Result<Vec<u8>>>,
-    /// The beginning of a line.
-    received: Vec<u8>,
+    lines: Lines,
     is_over: Arc<AtomicBool>,
     reader: Option<JoinHandle<()>>,
 }
@@ -46,7 +46,7 @@ impl Serial {
         Ok(Self {
             stream,
             arrived,
-            received: Vec::new(),
+            lines: Lines::default(),
             is_over,
             reader: Some(reader),
         })
@@ -62,16 +62,15 @@ impl Serial {
     pub(super) fn receive(&mut self, patience: Duration) -> Result<Option<String>> {
         let end = Instant::now() + patience;
         loop {
-            if let Some(length) = self.received.iter().position(|byte| *byte == b'\n') {
-                let line: Vec<u8> = self.received.drain(..=length).collect();
-                let text = String::from_utf8_lossy(&line[..length]);
-                return Ok(Some(text.trim_end_matches('\r').into()));
+            let line = self.lines.next_line();
+            if line.is_some() {
+                return Ok(line);
             }
             let left = end.saturating_duration_since(Instant::now());
             match self.arrived.recv_timeout(left) {
                 Ok(bytes) => {
                     let bytes = bytes.context("the emulator's serial line is broken")?;
-                    self.received.extend(bytes);
+                    self.lines.push(&bytes);
                 }
                 Err(RecvTimeoutError::Timeout) => return Ok(None),
                 Err(RecvTimeoutError::Disconnected) => bail!("QEMU has ended"),
@@ -86,7 +85,7 @@ impl Serial {
             reader.join().expect("the reader does not panic");
         }
         ensure!(
-            self.received.is_empty() && self.arrived.try_recv().is_err(),
+            self.lines.is_empty() && self.arrived.try_recv().is_err(),
             "bytes of the firmware would be lost"
         );
         self.stream.set_read_timeout(None)?;

@@ -3,10 +3,8 @@
 use std::{path::Path, thread, time::Duration};
 
 use anyhow::{Context, Result, ensure};
-use simulation::{
-    machine::SwitchPositions,
-    sender::{InFlight, Response},
-};
+use grbl_client::{InFlight, Line, Response, realtime};
+use simulation::machine::SwitchPositions;
 use target::emulator::{Emulator, Patience};
 
 /// How long the firmware may be silent, without the time that QEMU waits for a processor.
@@ -27,7 +25,7 @@ pub(super) struct Driver {
     reports: u64,
     /// The state and the position in the last report.
     state: String,
-    position: String,
+    position: Option<Vec<f64>>,
     /// When the last line was answered or sent, or the machine was found somewhere else.
     progress: Patience,
     /// A message of the machine that only a reset answers.
@@ -48,7 +46,7 @@ impl Driver {
             alarms: 0,
             reports: 0,
             state: String::new(),
-            position: String::new(),
+            position: None,
             is_locked: false,
         })
     }
@@ -118,7 +116,7 @@ impl Driver {
             // A hold that a test of many at once has left.
             if self.state == "Hold:0" || self.state == "Door:0" {
                 self.state.clear();
-                self.realtime(b"~")?;
+                self.realtime(&[realtime::RESUME])?;
             }
         }
         Ok(())
@@ -154,7 +152,7 @@ impl Driver {
     /// Asks for the state, and waits for it.
     fn ask(&mut self) -> Result<()> {
         self.state.clear();
-        self.realtime(b"?")?;
+        self.realtime(&[realtime::REPORT])?;
         while self.state.is_empty() {
             self.listen()?;
         }
@@ -163,7 +161,7 @@ impl Driver {
 
     /// Resets the machine and unlocks it.
     pub(super) fn reset(&mut self) -> Result<()> {
-        self.realtime(b"\x18")?;
+        self.realtime(&[realtime::RESET])?;
         self.emulator.wait_for_welcome(TIMEOUT)?;
         // After some alarms it has reset itself: then there is a second welcome. It stands already, so
         // that one comes before the answers to what it is asked behind the byte.
@@ -210,28 +208,32 @@ impl Driver {
         );
         let mut line = self.emulator.receive(QUIET)?;
         if line.is_none() {
-            self.realtime(b"?")?;
+            self.realtime(&[realtime::REPORT])?;
             line = self.emulator.receive(TIMEOUT)?;
         }
         let line =
             line.with_context(|| format!("the firmware is silent in the state {:?}", self.state))?;
-        if let Some(response) = Response::parse(&line) {
-            self.in_flight.answer();
-            self.progress.restart();
-            self.answered += 1;
-            self.refused += u64::from(response != Response::Ok);
-        } else if let Some(report) = line.strip_prefix('<') {
-            self.reports += 1;
-            let mut fields = report.split(['|', '>']);
-            self.state = fields.next().unwrap_or_default().into();
-            let position = fields.next().unwrap_or_default();
-            if self.position != position {
-                self.position = position.into();
+        match Line::read(&line) {
+            Line::Response(response) => {
+                self.in_flight.answer();
                 self.progress.restart();
+                self.answered += 1;
+                self.refused += u64::from(response != Response::Ok);
             }
-        } else if line.starts_with("ALARM:") {
-            self.alarms += 1;
-            self.is_locked = true;
+            Line::Report(report) => {
+                self.reports += 1;
+                let position = report.machine_position();
+                self.state = report.state;
+                if self.position != position {
+                    self.position = position;
+                    self.progress.restart();
+                }
+            }
+            Line::Alarm(_) => {
+                self.alarms += 1;
+                self.is_locked = true;
+            }
+            _ => {}
         }
         Ok(())
     }

@@ -1,59 +1,36 @@
 //! Status reports, and how far two of them may differ.
 
-use std::str::FromStr;
+use std::{ops::Deref, str::FromStr};
 
-use anyhow::{Context, Error, Result};
+use grbl_client::NoReport;
+pub(super) use grbl_client::numbers;
 
-/// A status report, taken apart.
+/// A status report, and its numbers in mm.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Report {
-    /// With its sub-state.
-    pub(crate) state: String,
-    /// Name and value of every field, in order.
-    pub(crate) fields: Vec<(String, String)>,
-}
+pub(crate) struct Report(grbl_client::Report);
 
 impl FromStr for Report {
-    type Err = Error;
+    type Err = NoReport;
 
-    fn from_str(text: &str) -> Result<Self> {
-        let inner = text
-            .strip_prefix('<')
-            .and_then(|text| text.strip_suffix('>'))
-            .with_context(|| format!("`{text}` is no status report"))?;
-        let mut parts = inner.split('|');
-        let state = parts.next().unwrap_or_default().to_owned();
-        let fields = parts
-            .map(|part| {
-                let (name, value) = part
-                    .split_once(':')
-                    .with_context(|| format!("`{part}` is no field of a report"))?;
-                Ok((name.to_owned(), value.to_owned()))
-            })
-            .collect::<Result<_>>()?;
-        Ok(Self { state, fields })
+    fn from_str(text: &str) -> Result<Self, NoReport> {
+        text.parse().map(Self)
+    }
+}
+
+impl Deref for Report {
+    type Target = grbl_client::Report;
+
+    fn deref(&self) -> &Self::Target {
+        &self.0
     }
 }
 
 impl Report {
-    /// A field's value.
-    pub(super) fn field(&self, name: &str) -> Option<&str> {
-        let mut fields = self.fields.iter();
-        fields
-            .find(|(known, _)| known == name)
-            .map(|(_, value)| value.as_str())
-    }
-
-    /// The numbers of a field.
-    pub(super) fn numbers(&self, name: &str) -> Option<Vec<f64>> {
-        numbers(self.field(name)?)
-    }
-
     /// Machine or work position, mm.
     pub(super) fn position_mm(&self) -> Option<Vec<f64>> {
-        let text = self.field("MPos").or_else(|| self.field("WPos"))?;
+        let position = self.machine_position().or_else(|| self.work_position());
         let scale = self.mm_per_unit();
-        Some(numbers(text)?.into_iter().map(|at| at * scale).collect())
+        Some(position?.into_iter().map(|at| at * scale).collect())
     }
 
     /// Reports in inches have four decimals.
@@ -77,16 +54,12 @@ impl Report {
 
     /// Speed along the path, mm/min.
     pub(super) fn feed_mm_min(&self) -> f64 {
-        let first = self.numbers("FS").or_else(|| self.numbers("F"));
-        let first = first.and_then(|numbers| numbers.first().copied());
-        first.unwrap_or(0.0) * self.mm_per_unit()
+        self.feed().unwrap_or(0.0) * self.mm_per_unit()
     }
 
     /// Spindle speed, rpm.
     pub(super) fn speed_rpm(&self) -> f64 {
-        self.numbers("FS")
-            .and_then(|numbers| numbers.get(1).copied())
-            .unwrap_or(0.0)
+        self.spindle_speed().unwrap_or(0.0)
     }
 
     /// The names of its fields.
@@ -119,11 +92,6 @@ pub(crate) fn is_tie(ours: &str, theirs: &str, exact: &[f64]) -> bool {
             .all(|((our, their), exact)| {
                 our == their || (is_rounded_otherwise(our, their) && is_half_way(our, *exact))
             })
-}
-
-/// Numbers between commas.
-pub(super) fn numbers(text: &str) -> Option<Vec<f64>> {
-    text.split(',').map(|part| part.parse().ok()).collect()
 }
 
 /// Digits after the first point.
