@@ -1,8 +1,8 @@
-//! What machines say of themselves in answer to `$I`.
+//! What machines say of themselves in answer to `$` statements.
 
 use leadscrew::settings::StepRate;
 
-use crate::Line;
+use crate::{Line, WINDOW};
 
 /// What `[OPT:V,15,128]` says of a machine's queues, where it does: `FluidNC` leaves it out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,6 +34,47 @@ impl Queues {
     }
 }
 
+/// The answers of a machine at rest, as it has given them: all that a job depends on.
+#[derive(Debug, Clone, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct MachineAnswers {
+    /// Lines of `$I`.
+    pub version: Vec<String>,
+    /// Lines of `$+`, or of `$$`.
+    pub settings: Vec<String>,
+    /// Lines of `$#`.
+    pub parameters: Vec<String>,
+    /// Lines of `$TT`; none from a machine without a tool table.
+    pub tools: Vec<String>,
+    /// The line of `$G`.
+    pub modes: String,
+    /// The machine position in the unit of reports.
+    pub position: Vec<f64>,
+}
+
+impl MachineAnswers {
+    /// The values behind a name in `$#`, and what stands behind another colon.
+    #[must_use]
+    pub fn parameter(&self, name: &str) -> Option<(&str, Option<&str>)> {
+        let inside = self
+            .parameters
+            .iter()
+            .find_map(|line| match Line::read(line) {
+                Line::Answer(found, rest) if found == name => Some(rest),
+                _ => None,
+            })?;
+        let mut parts = inside.split(':');
+        Some((parts.next().unwrap_or_default(), parts.next()))
+    }
+
+    /// Bytes of lines without an answer that the machine has room for: as many as it says, or as Grbl's.
+    #[must_use]
+    pub fn window(&self) -> usize {
+        let queues = self.version.iter().find_map(|line| Queues::read(line));
+        queues.map_or(WINDOW, |queues| queues.window())
+    }
+}
+
 /// The step rate in a line of `$I`: Leadscrew's alone.
 #[must_use]
 pub fn step_rate(line: &str) -> Option<StepRate> {
@@ -54,7 +95,7 @@ mod tests {
     #[test]
     fn the_window_is_one_less_than_the_receive_buffer() {
         for (line, queues) in [
-            ("[OPT:V,15,128]", Some((15, 128, crate::WINDOW))),
+            ("[OPT:V,15,128]", Some((15, 128, WINDOW))),
             ("[OPT:VNMSL+,999,1024,4,0]", Some((999, 1024, 1023))),
             ("[OPT:MPHS]", None),
             ("[OPT:V,15]", None),
@@ -65,6 +106,22 @@ mod tests {
             let read = read.map(|queues| (queues.blocks, queues.receive, queues.window()));
             assert_eq!(read, queues, "{line}");
         }
+    }
+
+    #[test]
+    fn parameters_are_found_by_their_names() {
+        let lines = ["[G54:1.000,2.000,0.000:30]", "[TLO:0.000]"].map(str::to_owned);
+        let mut answers = MachineAnswers {
+            parameters: lines.to_vec(),
+            ..MachineAnswers::default()
+        };
+        let found = Some(("1.000,2.000,0.000", Some("30")));
+        assert_eq!(answers.parameter("G54"), found);
+        assert_eq!(answers.parameter("TLO"), Some(("0.000", None)));
+        assert_eq!(answers.parameter("G5"), None);
+        assert_eq!(answers.window(), WINDOW);
+        answers.version = vec!["[VER:1.1h.20190830:]".into(), "[OPT:V,15,256]".into()];
+        assert_eq!(answers.window(), 255);
     }
 
     #[test]

@@ -24,6 +24,7 @@ mod machine;
 #[cfg(feature = "os")]
 mod port;
 
+pub use answer::MachineAnswers;
 pub use line::{Line, Lines, Response};
 pub use report::{NoReport, Report, Room, Status, numbers};
 pub use sender::{InFlight, Sender, WINDOW};

@@ -7,12 +7,16 @@ use std::{
 
 use anyhow::{Context, Error, Result, anyhow, bail};
 
-use crate::{Line, Link, Response, Status, meaning, realtime};
+use crate::{Line, Link, MachineAnswers, Response, Status, meaning, realtime};
 
 /// How often the state is asked for until there is an answer: a board may start first.
 const ASK_EVERY: Duration = Duration::from_millis(200);
 /// Silence after which nothing of an earlier conversation is on the line.
 const SILENCE: Duration = Duration::from_millis(100);
+/// How long such a silence is waited for: a machine may tell something all the time.
+const CHATTER: Duration = Duration::from_secs(1);
+/// Reports after which each field has been in one.
+const REPORTS: usize = 40;
 
 /// Errors whose reason is the state: it is not idle, it is locked.
 const NOT_IDLE: u16 = 8;
@@ -81,7 +85,7 @@ impl Machine {
         bail!("the machine at {name} has not answered for {seconds} s: {hint}")
     }
 
-    /// Sends a statement, and returns what is answered; `most` is how long the machine may say nothing.
+    /// Sends a statement, and returns what is answered; `most` is how long the machine may say nothing of it.
     ///
     /// # Errors
     /// It is silent, in an alarm or reset, or [the line](Link::wait_for_line) breaks.
@@ -92,16 +96,16 @@ impl Machine {
         while let Some(line) = self.line_until(end)? {
             match Line::read(&line) {
                 Line::Response(response) => return Ok(Answer { lines, response }),
-                // Somebody may ask for them all the time.
-                Line::Report(report) => {
-                    self.status.take(report);
-                    continue;
-                }
+                Line::Report(report) => self.status.take(report),
                 Line::Alarm(_) => bail!("{line} while {text} was executed"),
                 Line::Welcome => bail!("the machine has been reset while {text} was sent"),
-                _ => lines.push(line),
+                // What a machine may tell all the time is no sign that it still answers.
+                Line::Other => lines.push(line),
+                _ => {
+                    lines.push(line);
+                    end = Instant::now() + most;
+                }
             }
-            end = Instant::now() + most;
         }
         Err(self.silent(text, most))
     }
@@ -160,6 +164,40 @@ impl Machine {
         Ok(lines)
     }
 
+    /// Asks for everything that a job depends on.
+    ///
+    /// # Errors
+    /// The machine refuses one of the questions that Grbl answers, or as [`ask`](Self::ask).
+    pub fn answers(&mut self) -> Result<MachineAnswers> {
+        let timeout = self.timeout;
+        let starting = |mut lines: Vec<String>, start: char| {
+            lines.retain(|line| line.starts_with(start));
+            lines
+        };
+        let is_modes = |line: &String| matches!(Line::read(line), Line::Answer("GC", _));
+        let version = starting(self.ask_for("$I", timeout)?, '[');
+        let settings = self.settings()?;
+        let parameters = starting(self.ask_for("$#", timeout)?, '[');
+        let tools = self.ask("$TT", timeout)?.accepted();
+        let modes = self.ask_for("$G", timeout)?.into_iter().find(is_modes);
+        // The offset between both positions is not in every report.
+        for _ in 0..REPORTS {
+            let position = self.status.machine_position();
+            if let (Some(position), Some(_)) = (position, self.status.work_position()) {
+                return Ok(MachineAnswers {
+                    version,
+                    settings,
+                    parameters,
+                    tools: starting(tools.unwrap_or_default(), 'T'),
+                    modes: modes.unwrap_or_default(),
+                    position,
+                });
+            }
+            self.report()?;
+        }
+        bail!("the machine does not tell its position")
+    }
+
     /// Asks for a report once. Returns whether it has come.
     fn is_reported(&mut self) -> Result<bool> {
         self.link.send(&[realtime::REPORT])?;
@@ -174,7 +212,8 @@ impl Machine {
 
     /// Waits until nothing comes any more.
     fn fall_silent(&mut self) -> Result<()> {
-        while self.line_until(Instant::now() + SILENCE)?.is_some() {}
+        let start = Instant::now();
+        while self.line_until(Instant::now() + SILENCE)?.is_some() && start.elapsed() < CHATTER {}
         Ok(())
     }
 
@@ -242,6 +281,9 @@ mod tests {
             "$$" => "$0=10\r\n$1=25\r\n<Run|MPos:2.000,0.000,0.000|FS:0,0>\r\nok\r\n",
             "$H" => "ALARM:9\r\n",
             "$X" => "[MSG:Caution: Unlocked]\r\nok\r\n",
+            "$I" => "[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\n",
+            "$#" => "[G54:0.500,0.000,0.000]\r\n[TLO:0.000]\r\nok\r\n",
+            "$G" => "X:1,Y:2\r\n[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok\r\n",
             "$RST=*" => "Grbl 1.1h ['$' for help]\r\n",
             "$1=9" => "error:8\r\n",
             "G4 P9" => "",
@@ -260,6 +302,12 @@ mod tests {
         let refused = machine.ask("$TT", SHORT).unwrap();
         assert_eq!(refused.response, Response::Error(20));
         assert_eq!(refused.accepted(), None);
+        let answers = machine.answers().unwrap();
+        assert_eq!(answers.version.len(), 2);
+        assert_eq!(answers.parameters.len(), 2);
+        assert_eq!(answers.tools, [""; 0]);
+        assert!(answers.modes.starts_with("[GC:G0 "));
+        assert_eq!(answers.position, [2.0, 0.0, 0.0]);
         machine.reset().unwrap();
         machine.report().unwrap();
     }

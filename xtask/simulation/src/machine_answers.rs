@@ -3,171 +3,140 @@
 //! It is kept as the machine has said it, so that a job can be continued by another run of the tool.
 
 use anyhow::{Result, bail, ensure};
-use grbl_client::{Line, answer::step_rate};
+pub use grbl_client::MachineAnswers;
+use grbl_client::answer::step_rate;
 use leadscrew::{
     axis::{AXES, LETTERS},
     model::{State, WorkCoordinates},
     settings::Settings,
     sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
 };
-use serde::{Deserialize, Serialize};
 
 use crate::{
     machine::SwitchPositions,
     play, sender,
-    settings::{self, Dump},
+    settings::{Dump, combine},
 };
 
 /// A baud rate at which the line takes no time.
 pub const UNLIMITED_BAUD: u32 = 10_000_000;
 
-/// The answers of a machine at rest.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct MachineAnswers {
-    /// Lines of `$I`.
-    pub version: Vec<String>,
-    /// Lines of `$+`, or of `$$`.
-    pub settings: Vec<String>,
-    /// Lines of `$#`.
-    pub parameters: Vec<String>,
-    /// Lines of `$TT`; none from a machine without a tool table.
-    pub tools: Vec<String>,
-    /// The line of `$G`.
-    pub modes: String,
-    /// The machine position in the unit of reports.
-    pub position: Vec<f64>,
+/// The settings. Those of which another firmware has other limits are left as they are by default.
+pub fn settings(answers: &MachineAnswers) -> Settings {
+    let rate = answers.version.iter().find_map(|line| step_rate(line));
+    let start = Settings::new(rate.unwrap_or_default());
+    let entries = Dump::read(&answers.settings.join("\n")).entries;
+    match combine(&start, &entries) {
+        Ok(combined) => combined.settings,
+        Err(refused) => {
+            let is_refused = |number| refused.iter().any(|one| one.entry.number == number);
+            let rest: Vec<_> = entries
+                .iter()
+                .filter(|entry| !is_refused(entry.number))
+                .cloned()
+                .collect();
+            combine(&start, &rest).map_or(start, |combined| combined.settings)
+        }
+    }
 }
 
-impl MachineAnswers {
-    /// The settings. Those of which another firmware has other limits are left as they are by default.
-    pub fn settings(&self) -> Settings {
-        let rate = self.version.iter().find_map(|line| step_rate(line));
-        let start = Settings::new(rate.unwrap_or_default());
-        let entries = Dump::read(&self.settings.join("\n")).entries;
-        match settings::combine(&start, &entries) {
-            Ok(combined) => combined.settings,
-            Err(refused) => {
-                let is_refused = |number| refused.iter().any(|one| one.entry.number == number);
-                let rest: Vec<_> = entries
-                    .iter()
-                    .filter(|entry| !is_refused(entry.number))
-                    .cloned()
-                    .collect();
-                settings::combine(&start, &rest).map_or(start, |combined| combined.settings)
-            }
+/// Lines that make another machine stand as this one.
+fn set_up(answers: &MachineAnswers) -> Vec<String> {
+    let is_in_inches = settings(answers).report_inches;
+    let unit = if is_in_inches { "G20" } else { "G21" };
+    let mut lines = vec![format!("{unit} G90 G94")];
+    for (number, system) in (1..).zip(WorkCoordinates::ALL) {
+        if let Some((values, angle)) = answers.parameter(system.word()) {
+            let angle = angle.map_or(String::new(), |angle| format!(" R{angle}"));
+            lines.push(format!("G10 L2 P{number}{}{angle}", words(values)));
         }
     }
+    for tool in &answers.tools {
+        if let Some((number, rest)) = tool.strip_prefix('T').and_then(|tool| tool.split_once(' ')) {
+            // The pocket is no word of the statement.
+            let rest = rest.split(' ').filter(|word| !word.starts_with('P'));
+            lines.push(format!(
+                "$TT{number}={}",
+                rest.collect::<Vec<_>>().join(" ")
+            ));
+        }
+    }
+    for reference in ["G28", "G30"] {
+        if let Some((values, _)) = answers.parameter(reference) {
+            lines.push(format!("G53 G0{}", words(values)));
+            lines.push(format!("{reference}.1"));
+        }
+    }
+    let position: Vec<_> = answers
+        .position
+        .iter()
+        .map(|value| format!("{value:.4}"))
+        .collect();
+    lines.push(format!("G53 G0{}", words(&position.join(","))));
+    match answers.parameter("TLO") {
+        Some((length, _)) if length.contains(',') => {
+            lines.push(format!("G43.1{}", words(length)));
+        }
+        Some((length, _)) if is_not_zero(length) => lines.push(format!("G43.1 Z{length}")),
+        _ => {}
+    }
+    if let Some((values, _)) = answers
+        .parameter("G92")
+        .filter(|(values, _)| is_not_zero(values))
+    {
+        lines.push(format!("G52{}", words(values)));
+    }
+    let feed = mode_words(answers, |letter, _| letter == 'F');
+    lines.push(format!("{unit} {feed}"));
+    lines.push(mode_words(answers, stays));
+    lines
+}
 
-    /// The values behind a name in `$#`, and what stands behind another colon.
-    pub fn parameter(&self, name: &str) -> Option<(&str, Option<&str>)> {
-        let inside = self
-            .parameters
-            .iter()
-            .find_map(|line| match Line::read(line) {
-                Line::Answer(found, rest) if found == name => Some(rest),
-                _ => None,
-            })?;
-        let mut parts = inside.split(':');
-        Some((parts.next().unwrap_or_default(), parts.next()))
-    }
+/// The words of `$G` that are wanted, by letter and number.
+fn mode_words(answers: &MachineAnswers, is_wanted: impl Fn(char, f64) -> bool) -> String {
+    let inside = answers
+        .modes
+        .trim_start_matches("[GC:")
+        .trim_end_matches(']');
+    let wanted = inside.split(' ').filter(|word| {
+        let mut characters = word.chars();
+        let letter = characters.next().unwrap_or_default();
+        is_wanted(letter, characters.as_str().parse().unwrap_or_default())
+    });
+    wanted.collect::<Vec<_>>().join(" ")
+}
 
-    /// Lines that make another machine stand as this one.
-    fn set_up(&self) -> Vec<String> {
-        let is_in_inches = self.settings().report_inches;
-        let unit = if is_in_inches { "G20" } else { "G21" };
-        let mut lines = vec![format!("{unit} G90 G94")];
-        for (number, system) in (1..).zip(WorkCoordinates::ALL) {
-            if let Some((values, angle)) = self.parameter(system.word()) {
-                let angle = angle.map_or(String::new(), |angle| format!(" R{angle}"));
-                lines.push(format!("G10 L2 P{number}{}{angle}", words(values)));
-            }
-        }
-        for tool in &self.tools {
-            if let Some((number, rest)) =
-                tool.strip_prefix('T').and_then(|tool| tool.split_once(' '))
-            {
-                // The pocket is no word of the statement.
-                let rest = rest.split(' ').filter(|word| !word.starts_with('P'));
-                lines.push(format!(
-                    "$TT{number}={}",
-                    rest.collect::<Vec<_>>().join(" ")
-                ));
-            }
-        }
-        for reference in ["G28", "G30"] {
-            if let Some((values, _)) = self.parameter(reference) {
-                lines.push(format!("G53 G0{}", words(values)));
-                lines.push(format!("{reference}.1"));
-            }
-        }
-        let position: Vec<_> = self
-            .position
-            .iter()
-            .map(|value| format!("{value:.4}"))
-            .collect();
-        lines.push(format!("G53 G0{}", words(&position.join(","))));
-        match self.parameter("TLO") {
-            Some((length, _)) if length.contains(',') => {
-                lines.push(format!("G43.1{}", words(length)));
-            }
-            Some((length, _)) if is_not_zero(length) => lines.push(format!("G43.1 Z{length}")),
-            _ => {}
-        }
-        if let Some((values, _)) = self
-            .parameter("G92")
-            .filter(|(values, _)| is_not_zero(values))
-        {
-            lines.push(format!("G52{}", words(values)));
-        }
-        let feed = self.mode_words(|letter, _| letter == 'F');
-        lines.push(format!("{unit} {feed}"));
-        lines.push(self.mode_words(stays));
-        lines
+/// A virtual machine that stands as this one.
+pub fn simulator(answers: &MachineAnswers, needs_switches: bool) -> Result<Box<Simulator>> {
+    ensure!(
+        answers.position.len() == AXES,
+        "the machine has {} axes, and this tool {AXES}: see --axes",
+        answers.position.len()
+    );
+    let settings = settings(answers);
+    let mut simulator = Box::new(Simulator::new(&settings));
+    simulator.settle();
+    if simulator.snapshot().state == State::Alarm {
+        play::ask(&mut simulator, b"$X\n");
     }
-
-    /// The words of `$G` that are wanted, by letter and number.
-    fn mode_words(&self, is_wanted: impl Fn(char, f64) -> bool) -> String {
-        let inside = self.modes.trim_start_matches("[GC:").trim_end_matches(']');
-        let wanted = inside.split(' ').filter(|word| {
-            let mut characters = word.chars();
-            let letter = characters.next().unwrap_or_default();
-            is_wanted(letter, characters.as_str().parse().unwrap_or_default())
-        });
-        wanted.collect::<Vec<_>>().join(" ")
+    let text = set_up(answers).join("\n") + "\n";
+    let mut refusal = Refusal::default();
+    let mut stream =
+        Stream::new(&mut *simulator, text.bytes(), UNLIMITED_BAUD).with_statements_at_rest();
+    let end = stream.run(&mut refusal);
+    drop(stream);
+    if let Some(line) = refusal.0 {
+        let text = text.lines().nth(line as usize - 1).unwrap_or_default();
+        bail!("the virtual machine refuses {text}");
     }
-
-    /// A virtual machine that stands as this one.
-    pub fn simulator(&self, needs_switches: bool) -> Result<Box<Simulator>> {
-        ensure!(
-            self.position.len() == AXES,
-            "the machine has {} axes, and this tool {AXES}: see --axes",
-            self.position.len()
-        );
-        let settings = self.settings();
-        let mut simulator = Box::new(Simulator::new(&settings));
-        simulator.settle();
-        if simulator.snapshot().state == State::Alarm {
-            play::ask(&mut simulator, b"$X\n");
-        }
-        let text = self.set_up().join("\n") + "\n";
-        let mut refusal = Refusal::default();
-        let mut stream =
-            Stream::new(&mut *simulator, text.bytes(), UNLIMITED_BAUD).with_statements_at_rest();
-        let end = stream.run(&mut refusal);
-        drop(stream);
-        if let Some(line) = refusal.0 {
-            let text = text.lines().nth(line as usize - 1).unwrap_or_default();
-            bail!("the virtual machine refuses {text}");
-        }
-        ensure!(
-            end == StreamEnd::Complete && simulator.snapshot().state == State::Idle,
-            "the virtual machine cannot be where the machine is"
-        );
-        if needs_switches {
-            SwitchPositions::of(&settings).mount_on(&mut simulator);
-        }
-        Ok(simulator)
+    ensure!(
+        end == StreamEnd::Complete && simulator.snapshot().state == State::Idle,
+        "the virtual machine cannot be where the machine is"
+    );
+    if needs_switches {
+        SwitchPositions::of(&settings).mount_on(&mut simulator);
     }
+    Ok(simulator)
 }
 
 /// Whether a line may search switches.
@@ -250,7 +219,7 @@ mod tests {
                 .run(&mut refusal);
             assert_eq!(refusal.0, None);
             let one = answers(&mut first);
-            let other = answers(&mut one.simulator(false).unwrap());
+            let other = answers(&mut simulator(&one, false).unwrap());
             let modes = one
                 .modes
                 .replace("[GC:G0", "[GC:")

@@ -13,7 +13,6 @@ mod watch;
 
 use std::{
     fs,
-    os::unix::net::UnixStream,
     path::{Path, PathBuf},
     process::ExitCode,
     sync::Arc,
@@ -22,12 +21,15 @@ use std::{
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use common::{BAUD, ui};
-use simulation::{interrupt::interruptions, output::Output, program::Program, pty::Pty};
+use grbl_client::Machine;
+use simulation::{Job, interrupt::interruptions, output::Output, program::Program, pty::Pty};
 
+use path_follower::PathFollower;
 use picture::Shared;
 use rehearsal::Rehearsal;
 use sending::Sending;
 use source::Source;
+use track::Track;
 use watch::Watch;
 
 /// Show in a browser what a machine does
@@ -86,18 +88,22 @@ fn main() -> ExitCode {
 fn run(options: &Options) -> Result<ExitCode> {
     let program = options.file.as_deref().map(Program::open).transpose()?;
     let svg = options.svg.as_deref().map(Output::create).transpose()?;
-    let source = source(options)?;
+    // The virtual machine ends when this function does.
+    let Source {
+        link,
+        simulator: _simulator,
+    } = source(options)?;
     let stop = interruptions()?;
     let shared = Arc::<Shared>::default();
-    let mut watch = Watch::new(source, options.sim, shared.clone());
-    watch.greet(&stop)?;
-    let job = rehearse(options, &mut watch, &stop)?;
+    let (mut machine, settings) = source::greet(link, &stop)?;
+    let name = machine.link.name.clone();
+    let (job, path_follower) = rehearse(options, &mut machine)?.unzip();
+    let track = Track::new(machine.status, &settings);
+    let mut watch = Watch::new((machine.link, track), options.sim, shared.clone());
+    watch.expect(path_follower);
     let link = options.link.as_deref().map(Pty::at).transpose()?;
     let file = options.file.as_deref().and_then(Path::file_name);
-    let title = file.map_or_else(
-        || watch.name().into(),
-        |name| name.to_string_lossy().into_owned(),
-    );
+    let title = file.map_or_else(|| name, |name| name.to_string_lossy().into_owned());
     shared.lock().title = title;
     let at = page::serve(&options.http, &shared, job)?;
     ui::status("Showing", &format!("http://{at}/ (Ctrl-C ends)"));
@@ -116,11 +122,7 @@ fn run(options: &Options) -> Result<ExitCode> {
 }
 
 /// Runs the program in advance, if there is one that can be read twice.
-fn rehearse(
-    options: &Options,
-    watch: &mut Watch,
-    stop: &UnixStream,
-) -> Result<Option<simulation::Job>> {
+fn rehearse(options: &Options, machine: &mut Machine) -> Result<Option<(Job, PathFollower)>> {
     let has_machine = options.sim || options.program.is_some();
     ensure!(
         options.settings.is_none() || has_machine,
@@ -130,17 +132,14 @@ fn rehearse(
     let Some(path) = file.filter(|path| **path != Path::new("-")) else {
         return Ok(None);
     };
-    let mut answers = watch.answers(stop)?;
+    let mut answers = source::answers(machine)?;
     if let Some(settings) = options.settings.as_ref().filter(|_| !options.sim) {
         let text = fs::read_to_string(settings);
         let text = text.with_context(|| format!("cannot read {}", settings.display()))?;
         answers.settings = text.lines().map(str::to_owned).collect();
     }
     match Rehearsal::of(path, &answers) {
-        Ok(Rehearsal { job, path_follower }) => {
-            watch.expect(path_follower);
-            Ok(Some(job))
-        }
+        Ok(Rehearsal { job, path_follower }) => Ok(Some((job, path_follower))),
         // The machine is watched all the same.
         Err(error) if options.program.is_none() => {
             ui::warning(&format!("the path of the job is not shown: {error:#}"));

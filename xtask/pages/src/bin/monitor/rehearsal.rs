@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use common::ui;
 use simulation::{Job, Recording};
 use simulation::{
-    machine_answers::{MachineAnswers, searches},
+    machine_answers::{self, MachineAnswers, searches},
     output, play,
     play::Run,
     program::Program,
@@ -30,7 +30,7 @@ impl Rehearsal {
         let needs_switches = text.split(|byte| *byte == b'\n').any(searches);
         drop(text);
         ui::status("Trying", "the job on the virtual machine");
-        let mut simulator = answers.simulator(needs_switches)?;
+        let mut simulator = machine_answers::simulator(answers, needs_switches)?;
         let mut recording = Recording::new(simulator.session());
         let program = Program::open(path)?;
         let run = Run {
@@ -44,7 +44,7 @@ impl Rehearsal {
             ui::warning(&format!("{refused} lines of the job are refused"));
         }
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let job = recording.finish(&figures, &name, &answers.settings());
+        let job = recording.finish(&figures, &name, &machine_answers::settings(answers));
         let path_follower = PathFollower::new(&job.waypoints());
         Ok(Self { job, path_follower })
     }

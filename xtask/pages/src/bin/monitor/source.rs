@@ -2,7 +2,7 @@
 
 use std::{
     fs,
-    os::fd::OwnedFd,
+    os::{fd::OwnedFd, unix::net::UnixStream},
     path::Path,
     process::{Child, Stdio},
     thread,
@@ -11,16 +11,19 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 use common::tools;
-use grbl_client::Link;
+use grbl_client::{Link, Machine, MachineAnswers, link::Stopped};
 use rustix::{
     fs::{Mode, OFlags},
     process::{Pid, Signal},
 };
 use tempfile::TempDir;
 
-/// How long a virtual machine may take to start, and an address to answer.
+use crate::track::AXES;
+
+/// How long a virtual machine may take to start.
 const START: Duration = Duration::from_secs(30);
-const CONNECT: Duration = Duration::from_secs(5);
+/// How long an address and a machine may take to answer: a board may start first.
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// How often it is looked whether it has.
 const GLANCE: Duration = Duration::from_millis(5);
 
@@ -28,12 +31,11 @@ const GLANCE: Duration = Duration::from_millis(5);
 pub(crate) struct Source {
     pub(crate) link: Link,
     /// What ends with the line.
-    #[expect(dead_code, reason = "it is ended when it is dropped")]
-    simulator: Option<Simulator>,
+    pub(crate) simulator: Option<Simulator>,
 }
 
-/// A virtual machine, which ends with this program.
-struct Simulator {
+/// A virtual machine, which ends when it is dropped.
+pub(crate) struct Simulator {
     process: Child,
     folder: TempDir,
 }
@@ -42,7 +44,7 @@ impl Source {
     /// Opens a serial port, or connects to a TCP address.
     pub(crate) fn open(port: Option<&Path>, baud: u32, address: Option<&str>) -> Result<Self> {
         Ok(Self {
-            link: Link::open(port, baud, address, CONNECT)?,
+            link: Link::open(port, baud, address, TIMEOUT)?,
             simulator: None,
         })
     }
@@ -69,6 +71,41 @@ impl Source {
             simulator: Some(simulator),
         })
     }
+}
+
+/// Waits until a machine answers. Returns it, and its settings where it is at rest: in motion it refuses to tell.
+pub(crate) fn greet(link: Link, stop: &UnixStream) -> Result<(Machine, Vec<String>)> {
+    let name = link.name.clone();
+    let connected = Machine::connect(link, TIMEOUT, Some(stop));
+    let mut machine = connected.map_err(|error| {
+        if error.is::<Stopped>() {
+            return error;
+        }
+        error.context(format!("{name} has not answered as Grbl does"))
+    })?;
+    let is_idle = machine.status.report.state == "Idle";
+    let answer = is_idle.then(|| machine.ask("$$", TIMEOUT)).transpose()?;
+    Ok((machine, answer.map_or(Vec::new(), |answer| answer.lines)))
+}
+
+/// Asks for everything that a job depends on. A machine that moves is asked for nothing: its job is taken for one
+/// that has begun at the work zero of now.
+pub(crate) fn answers(machine: &mut Machine) -> Result<MachineAnswers> {
+    machine.report()?;
+    if machine.status.report.state == "Idle" {
+        return machine.answers();
+    }
+    let position = machine.status.machine_position();
+    let axes = position.map_or(AXES, |position| position.len().max(AXES));
+    let mut zero = machine.status.work_offset().unwrap_or_default().to_vec();
+    zero.truncate(AXES);
+    zero.resize(axes, 0.0);
+    let text: Vec<_> = zero[..AXES].iter().map(|at| format!("{at:.4}")).collect();
+    Ok(MachineAnswers {
+        parameters: vec![format!("[G54:{}]", text.join(","))],
+        position: zero,
+        ..MachineAnswers::default()
+    })
 }
 
 impl Simulator {

@@ -52,6 +52,18 @@ pub(crate) struct Track {
 }
 
 impl Track {
+    /// Of a machine that has told its status and its settings.
+    pub(crate) fn new(status: Status, settings: &[String]) -> Self {
+        let mut track = Self {
+            status,
+            ..Self::default()
+        };
+        for line in settings {
+            track.read(line);
+        }
+        track
+    }
+
     /// Reads bytes, and tells each line that they complete.
     pub(crate) fn push(&mut self, bytes: &[u8], mut tell: impl FnMut(&mut Self, Sighting)) {
         self.lines.push(bytes);

@@ -9,19 +9,19 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use grbl_client::{
+    Link,
     link::{self, PollFlags},
     realtime,
 };
 use rustix::io::Errno;
-use simulation::{machine_answers::MachineAnswers, pty::Pty};
+use simulation::pty::Pty;
 
 use crate::{
     path_follower::PathFollower,
     picture::Shared,
     sending::Sending,
-    source::Source,
     tap::Tap,
     track::{AXES, Report, Sighting, Track},
 };
@@ -29,10 +29,6 @@ use crate::{
 const Z: usize = 2;
 /// Longest wait for bytes: as long until it is looked whether to ask.
 const WAIT: Duration = Duration::from_millis(10);
-/// How long a machine may take to answer: a board may start first.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
-/// How often it is asked until then.
-const ASK_EVERY: Duration = Duration::from_millis(500);
 /// Bytes that wait for the machine at most; then the sender waits.
 const BACKLOG: usize = 4096;
 /// Bytes that wait for the sender at most: nobody reads them.
@@ -40,7 +36,7 @@ const UNREAD: usize = 65_536;
 
 /// A machine that is watched.
 pub(crate) struct Watch {
-    source: Source,
+    link: Link,
     is_simulated: bool,
     shared: Arc<Shared>,
     start: Instant,
@@ -60,13 +56,18 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    pub(crate) fn new(source: Source, is_simulated: bool, shared: Arc<Shared>) -> Self {
+    /// Watches a machine of which a status and settings are known.
+    pub(crate) fn new(
+        (link, track): (Link, Track),
+        is_simulated: bool,
+        shared: Arc<Shared>,
+    ) -> Self {
         Self {
-            source,
+            link,
             is_simulated,
             shared,
             start: Instant::now(),
-            track: Track::default(),
+            track,
             path_follower: None,
             report: None,
             tap: Tap::new(is_simulated),
@@ -77,126 +78,9 @@ impl Watch {
         }
     }
 
-    /// The port or the address.
-    pub(crate) fn name(&self) -> &str {
-        &self.source.link.name
-    }
-
-    /// Waits until the machine answers, and asks for its resolution.
-    pub(crate) fn greet(&mut self, stop: &UnixStream) -> Result<()> {
-        let state = self.ask(b"?", ANSWER_TIMEOUT, stop, |sighting| match sighting {
-            Sighting::Report(report) => Some(report.state.clone()),
-            _ => None,
-        })?;
-        let (name, hint) = (&self.source.link.name, &self.source.link.hint);
-        let seconds = ANSWER_TIMEOUT.as_secs();
-        let state = state.with_context(|| {
-            format!("{name} has not answered as Grbl does for {seconds} s: {hint}")
-        })?;
-        // A machine that moves refuses it.
-        if state == "Idle" {
-            let is_answer =
-                |sighting: &Sighting| matches!(sighting, Sighting::Answer(_)).then_some(());
-            self.ask(b"$$\n", ANSWER_TIMEOUT, stop, is_answer)?;
-        }
-        self.to_sender.clear();
-        Ok(())
-    }
-
-    /// Tells what the machine is going to do.
-    pub(crate) fn expect(&mut self, path_follower: PathFollower) {
-        self.path_follower = Some(path_follower);
-    }
-
-    /// Asks for everything that a job depends on. A machine that moves is asked for nothing: its job is taken
-    /// for one that has begun at the work zero of now.
-    pub(crate) fn answers(&mut self, stop: &UnixStream) -> Result<MachineAnswers> {
-        let report = self.ask(b"?", ANSWER_TIMEOUT, stop, |sighting| match sighting {
-            Sighting::Report(report) => Some(report.clone()),
-            _ => None,
-        })?;
-        let report = report.context("the machine does not tell its position")?;
-        let [machine, work] = [report.machine_mm, report.work_mm];
-        if report.state != "Idle" {
-            let offset = [0, 1, 2].map(|axis| machine[axis] - work[axis]);
-            let text = offset.map(|offset| format!("{offset:.4}")).join(",");
-            let rotary = vec![0.0; report.rotary.len()];
-            return Ok(MachineAnswers {
-                parameters: vec![format!("[G54:{text}]")],
-                position: offset.into_iter().chain(rotary).collect(),
-                ..MachineAnswers::default()
-            });
-        }
-        let mut settings = self.lines("$+", stop)?;
-        if settings.is_empty() {
-            settings = self.lines("$$", stop)?;
-        }
-        let answers = MachineAnswers {
-            version: self.lines("$I", stop)?,
-            settings,
-            parameters: self.lines("$#", stop)?,
-            tools: self.lines("$TT", stop)?,
-            modes: self.lines("$G", stop)?.pop().unwrap_or_default(),
-            position: Vec::new(),
-        };
-        let is_in_inches = answers.settings().report_inches;
-        let scale = if is_in_inches { 1.0 / 25.4 } else { 1.0 };
-        let position = machine.iter().map(|mm| mm * scale);
-        let position = position.chain(report.rotary).collect();
-        Ok(MachineAnswers {
-            position,
-            ..answers
-        })
-    }
-
-    /// What the machine says to a statement; nothing where it does not know it.
-    fn lines(&mut self, statement: &str, stop: &UnixStream) -> Result<Vec<String>> {
-        let mut lines = Vec::new();
-        let question = format!("{statement}\n");
-        let answer = self.ask(question.as_bytes(), ANSWER_TIMEOUT, stop, |sighting| {
-            if let Sighting::Other(text) = sighting {
-                lines.push(text.clone());
-            }
-            match sighting {
-                Sighting::Answer(text) => Some(text == "ok"),
-                _ => None,
-            }
-        })?;
-        self.to_sender.clear();
-        Ok(if answer == Some(true) {
-            lines
-        } else {
-            Vec::new()
-        })
-    }
-
-    /// Asks for something until it is seen, or the time is over.
-    fn ask<T>(
-        &mut self,
-        question: &[u8],
-        most: Duration,
-        stop: &UnixStream,
-        mut find: impl FnMut(&Sighting) -> Option<T>,
-    ) -> Result<Option<T>> {
-        let begin = Instant::now();
-        let mut next = begin;
-        while begin.elapsed() < most {
-            // A list is asked for once, as each question is answered.
-            if Instant::now() >= next && (question == b"?" || next == begin) {
-                self.to_machine.extend(question);
-                next = Instant::now() + ASK_EVERY;
-            }
-            ensure!(!self.exchange(None, stop)?, "it was stopped");
-            for sighting in std::mem::take(&mut self.seen) {
-                if let Sighting::Other(text) = &sighting {
-                    self.source.link.ensure_is_free(text)?;
-                }
-                if let Some(found) = find(&sighting) {
-                    return Ok(Some(found));
-                }
-            }
-        }
-        Ok(None)
+    /// Tells what the machine is going to do, where that is known.
+    pub(crate) fn expect(&mut self, path_follower: Option<PathFollower>) {
+        self.path_follower = path_follower;
     }
 
     /// Watches until the program has ended, or Ctrl-C.
@@ -229,7 +113,7 @@ impl Watch {
     /// Holds a machine that is left in the midst of a job: it would carry out the lines that it has, and stand
     /// still with its spindle on.
     fn hold(&self) -> Result<()> {
-        self.source.link.write(&mut vec![realtime::HOLD])?;
+        self.link.write(&mut vec![realtime::HOLD])?;
         bail!("the job was interrupted, and the machine is held: ~ goes on, a reset ends it")
     }
 
@@ -287,10 +171,10 @@ impl Watch {
                 }
             }
             Sighting::Alarm(text) if job.is_some() => {
-                bail!("{} is locked: {text}", self.source.link.name);
+                bail!("{} is locked: {text}", self.link.name);
             }
             Sighting::Alarm(_) | Sighting::Welcome => {}
-            Sighting::Other(text) => self.source.link.ensure_is_free(text)?,
+            Sighting::Other(text) => self.link.ensure_is_free(text)?,
         }
         Ok(())
     }
@@ -311,7 +195,7 @@ impl Watch {
         }
         let mut chunk = [0; 4096];
         let now = self.start.elapsed();
-        let length = self.source.link.read(&mut chunk)?;
+        let length = self.link.read(&mut chunk)?;
         let bytes = &chunk[..length];
         let seen = &mut self.seen;
         self.track.push(bytes, |_, sighting| seen.push(sighting));
@@ -319,13 +203,13 @@ impl Watch {
             .received(bytes, now, &mut self.to_sender, &mut self.to_machine);
         let Some(sender) = sender else {
             self.to_sender.clear();
-            return self.source.link.write(&mut self.to_machine).map(|()| false);
+            return self.link.write(&mut self.to_machine).map(|()| false);
         };
         if self.to_machine.len() < BACKLOG {
             let length = moved(rustix::io::read(sender.controller(), &mut chunk))?;
             self.tap.sent(&chunk[..length], now, &mut self.to_machine);
         }
-        self.source.link.write(&mut self.to_machine)?;
+        self.link.write(&mut self.to_machine)?;
         let length = moved(rustix::io::write(sender.controller(), &self.to_sender))?;
         self.to_sender.drain(..length);
         let excess = self.to_sender.len().saturating_sub(UNREAD);
@@ -342,10 +226,7 @@ impl Watch {
             flags
         };
         let machine = flags(true, &self.to_machine);
-        let mut ends = vec![
-            (stop.as_fd(), PollFlags::IN),
-            (self.source.link.as_fd(), machine),
-        ];
+        let mut ends = vec![(stop.as_fd(), PollFlags::IN), (self.link.as_fd(), machine)];
         let reads = self.to_machine.len() < BACKLOG;
         ends.extend(sender.map(|sender| (sender, flags(reads, &self.to_sender))));
         Ok(link::wait(&ends, WAIT)?[0])

@@ -9,7 +9,7 @@ use leadscrew::{
     units::TICKS_PER_SECOND,
 };
 use simulation::{
-    machine_answers::{MachineAnswers, searches},
+    machine_answers::{self, MachineAnswers, searches},
     output, refusal,
     sender::Response,
 };
@@ -60,7 +60,8 @@ impl Forecast {
         baud: u32,
         mut is_stopped: impl FnMut() -> Result<bool>,
     ) -> Result<Self> {
-        let mut simulator = answers.simulator(lines.iter().any(|line| searches(line)))?;
+        let mut simulator =
+            machine_answers::simulator(answers, lines.iter().any(|line| searches(line)))?;
         let start = simulator.now();
         let mut recorder = Recorder {
             lines,
@@ -326,7 +327,7 @@ mod tests {
             let job = lines(&text.join("\n"));
             for baud in [UNLIMITED_BAUD, 100_000] {
                 let forecast = Forecast::of(&answers(), &job, baud, never).unwrap();
-                let mut simulator = answers().simulator(false).unwrap();
+                let mut simulator = machine_answers::simulator(&answers(), false).unwrap();
                 let bytes = job
                     .iter()
                     .flat_map(|line| line.iter().copied().chain([b'\n']));

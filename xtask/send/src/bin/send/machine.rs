@@ -1,18 +1,15 @@
-//! A machine at rest, before a job: what it is asked, and how it is brought to rest.
+//! How a machine is brought to rest before a job.
 
 use std::time::{Duration, Instant};
 
 use anstream::println;
 use anyhow::{Error, Result, bail, ensure};
 use grbl_client::{
-    Line, Machine,
+    Machine,
     link::Stopped,
     realtime::{HOLD, RESET},
 };
-use simulation::machine_answers::MachineAnswers;
 
-/// Reports after which each field has been in one.
-const REPORTS: usize = 40;
 /// How long a machine may take to brake.
 const BRAKE: Duration = Duration::from_secs(30);
 /// How long it may search its switches.
@@ -61,40 +58,4 @@ pub(crate) fn come_to_rest(machine: &mut Machine) -> Result<()> {
         machine.report()?;
     }
     machine.reset()
-}
-
-/// Asks for everything that a job depends on.
-pub(crate) fn answers(machine: &mut Machine) -> Result<MachineAnswers> {
-    let timeout = machine.timeout;
-    let version = machine.ask_for("$I", timeout)?;
-    let settings = machine.settings()?;
-    let parameters = machine.ask_for("$#", timeout)?;
-    let tools = machine.ask("$TT", timeout)?.accepted().unwrap_or_default();
-    let modes = machine.ask_for("$G", timeout)?;
-    let mut reports = 0;
-    // The offset between both is not in every report.
-    let position = loop {
-        let position = machine.status.machine_position();
-        if let (Some(position), Some(_)) = (position, machine.status.work_position()) {
-            break position;
-        }
-        reports += 1;
-        ensure!(reports < REPORTS, "the machine does not tell its position");
-        machine.report()?;
-    };
-    let starting = |lines: Vec<String>, start: char| -> Vec<String> {
-        lines
-            .into_iter()
-            .filter(|line| line.starts_with(start))
-            .collect()
-    };
-    let is_modes = |line: &String| matches!(Line::read(line), Line::Answer("GC", _));
-    Ok(MachineAnswers {
-        version: starting(version, '['),
-        settings,
-        parameters: starting(parameters, '['),
-        tools: starting(tools, 'T'),
-        modes: modes.into_iter().find(is_modes).unwrap_or_default(),
-        position,
-    })
 }

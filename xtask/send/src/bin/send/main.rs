@@ -23,13 +23,12 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Parser;
 use common::{BAUD, text::duration, ui};
 use grbl_client::{
-    Link, Machine, WINDOW,
-    answer::Queues,
+    Link, Machine, MachineAnswers,
     link::{self, LinkLost, PollFlags, Stopped},
 };
 use simulation::{
     interrupt,
-    machine_answers::{MachineAnswers, UNLIMITED_BAUD},
+    machine_answers::{self, UNLIMITED_BAUD},
     program::Program,
 };
 
@@ -191,7 +190,7 @@ fn send(
         machine::come_to_rest(&mut machine)?;
     }
     machine::make_ready(&mut machine, options.home)?;
-    let answers = machine::answers(&mut machine)?;
+    let answers = machine.answers()?;
     let began = kept.map_or(&answers, |record| &record.began);
     let forecast = look_ahead(options, began, lines, stop)?;
     let (approach, first) = if continues {
@@ -205,8 +204,7 @@ fn send(
     // Ctrl-C while the job was tried: it would be held only after its first lines.
     ensure!(!link::is_stopped(stop)?, Stopped);
     let mut job = Job::new(&approach, lines, first, options.despite_refusals);
-    let queues = answers.version.iter().find_map(|line| Queues::read(line));
-    job.count_on(queues.map_or(WINDOW, |queues| queues.window()));
+    job.count_on(answers.window());
     // It has the offset in it, which not every report has.
     job.status.clone_from(&machine.status);
     let mut run = Run {
@@ -298,7 +296,10 @@ fn find_entry(
     };
     let began = kept.map_or(answers, |record| &record.began);
     let interpreter = |answers: &MachineAnswers| -> Result<_> {
-        Ok(answers.simulator(false)?.session().interpreter().clone())
+        Ok(machine_answers::simulator(answers, false)?
+            .session()
+            .interpreter()
+            .clone())
     };
     let now = interpreter(answers)?;
     let mut beginning = Beginning {
@@ -312,7 +313,14 @@ fn find_entry(
         spin_up_s: options.spin_up as f32,
         tells_tool: kept.is_some_and(|record| record.measured.is_some()),
     };
-    let entry = resume::entry(lines, wanted, &beginning, &now, &answers.settings(), plunge)?;
+    let entry = resume::entry(
+        lines,
+        wanted,
+        &beginning,
+        &now,
+        &machine_answers::settings(answers),
+        plunge,
+    )?;
     if entry.line < wanted {
         let (first, wanted) = (entry.line + 1, wanted + 1);
         println!("Line {wanted} cannot begin a job; it is continued at line {first}.");

@@ -11,7 +11,7 @@ use common::ui;
 use serde::{Deserialize, Serialize};
 use simulation::output;
 
-use simulation::machine_answers::MachineAnswers;
+use grbl_client::MachineAnswers;
 
 /// How far a job has come.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
