@@ -2,7 +2,7 @@
 
 use leadscrew::settings::StepRate;
 
-use crate::{Line, WINDOW};
+use crate::Line;
 
 /// What `[OPT:V,15,128]` says of a machine's queues, where it does: `FluidNC` leaves it out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,6 +28,7 @@ impl Queues {
     }
 
     /// Bytes of lines without an answer that the machine has room for: its buffer holds one less than its size.
+    /// Lines by hand in a change of the tool need room behind those of a job, which then wait in it.
     #[must_use]
     pub fn window(&self) -> usize {
         self.receive.saturating_sub(1)
@@ -66,13 +67,6 @@ impl MachineAnswers {
         let mut parts = inside.split(':');
         Some((parts.next().unwrap_or_default(), parts.next()))
     }
-
-    /// Bytes of lines without an answer that the machine has room for: as many as it says, or as Grbl's.
-    #[must_use]
-    pub fn window(&self) -> usize {
-        let queues = self.version.iter().find_map(|line| Queues::read(line));
-        queues.map_or(WINDOW, |queues| queues.window())
-    }
 }
 
 /// The step rate in a line of `$I`: Leadscrew's alone.
@@ -95,7 +89,7 @@ mod tests {
     #[test]
     fn the_window_is_one_less_than_the_receive_buffer() {
         for (line, queues) in [
-            ("[OPT:V,15,128]", Some((15, 128, WINDOW))),
+            ("[OPT:V,15,128]", Some((15, 128, crate::WINDOW))),
             ("[OPT:VNMSL+,999,1024,4,0]", Some((999, 1024, 1023))),
             ("[OPT:MPHS]", None),
             ("[OPT:V,15]", None),
@@ -111,7 +105,7 @@ mod tests {
     #[test]
     fn parameters_are_found_by_their_names() {
         let lines = ["[G54:1.000,2.000,0.000:30]", "[TLO:0.000]"].map(str::to_owned);
-        let mut answers = MachineAnswers {
+        let answers = MachineAnswers {
             parameters: lines.to_vec(),
             ..MachineAnswers::default()
         };
@@ -119,9 +113,6 @@ mod tests {
         assert_eq!(answers.parameter("G54"), found);
         assert_eq!(answers.parameter("TLO"), Some(("0.000", None)));
         assert_eq!(answers.parameter("G5"), None);
-        assert_eq!(answers.window(), WINDOW);
-        answers.version = vec!["[VER:1.1h.20190830:]".into(), "[OPT:V,15,256]".into()];
-        assert_eq!(answers.window(), 255);
     }
 
     #[test]

@@ -84,6 +84,7 @@ pub(crate) struct Job {
     /// The line of the program behind the approach, counted from 0.
     first: usize,
     next: usize,
+    /// It fills no larger receive buffer than Grbl's: lines that the operator types need room behind the job's.
     sender: Sender,
     pub(crate) phase: Phase,
     pub(crate) status: Status,
@@ -135,11 +136,6 @@ impl Job {
             notes: Vec::new(),
             message: String::new(),
         }
-    }
-
-    /// Counts on a receive buffer that has room for so many bytes. Nothing may have been sent.
-    pub(crate) fn count_on(&mut self, window: usize) {
-        self.sender = Sender::new(window);
     }
 
     /// Lines of the program that have been answered, with those before the first.

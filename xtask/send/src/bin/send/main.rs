@@ -204,7 +204,6 @@ fn send(
     // Ctrl-C while the job was tried: it would be held only after its first lines.
     ensure!(!link::is_stopped(stop)?, Stopped);
     let mut job = Job::new(&approach, lines, first, options.despite_refusals);
-    job.count_on(answers.window());
     // It has the offset in it, which not every report has.
     job.status.clone_from(&machine.status);
     let mut run = Run {
