@@ -19,7 +19,7 @@ use crate::{
     holes,
     job::{Axis, HoleMark, Job, PathInfo, PlaceMark, Refused, SettingRow, Times},
     merge::Merger,
-    play::{self, Recorder},
+    playing::{self, Recorder},
     program_reader::ProgramReader,
     settings::name,
     vertex::{Vertex, kind_number, power_of},
@@ -350,7 +350,7 @@ fn alarms(figures: &Figures) -> Vec<Refused> {
 fn setting_rows(settings: &Settings) -> Vec<SettingRow> {
     let listed = |settings: &Settings| {
         let mut simulator = Box::new(Simulator::new(settings));
-        let mut said = play::ask(&mut simulator, b"$+\n");
+        let mut said = playing::ask(&mut simulator, b"$+\n");
         // The welcome comes first.
         said.retain(|line| line.starts_with('$'));
         said
