@@ -4,7 +4,6 @@
 #![cfg(not(target_os = "none"))]
 
 mod boards;
-mod commands;
 mod costs;
 mod glue;
 mod layers;

@@ -1,70 +1,29 @@
 //! `cargo xtask test`: everything that can be tested without hardware.
 
 use std::{
-    ffi::OsString,
     fs, iter,
     process::{self, ExitCode},
 };
 
 use anyhow::{Context, Result, bail};
-use clap::{Arg, ArgAction, Command};
 use common::{
     cargo::{self, cargo, wait},
     check::{self, Check, Verdict},
+    options::Test,
     tools::{self, Tool},
     ui,
 };
 
-/// Test everything that needs no hardware
-///
-/// And what else its help says.
-fn command() -> Command {
-    let only = Arg::new("only")
-        .value_name("NAME")
-        .help("Only the checks whose name contains this");
-    let list = Arg::new("list")
-        .long("list")
-        .action(ArgAction::SetTrue)
-        .help("List the checks and do nothing");
-    let clients = Arg::new("clients").long("clients").action(ArgAction::SetTrue).help(
-        "Instead, drive sender programs at the simulator and at the firmware: gets them with pip \
-         and npm, and skips what cannot be had",
-    );
-    Command::new("test")
-        .bin_name("cargo xtask test")
-        .about("Test everything that needs no hardware")
-        .long_about(
-            "Test everything that needs no hardware\n\n\
-             Formatting, lints, host tests with three, four and six axes, the firmware of every board \
-             and the proof of its timing, tests on the emulated processor, and the firmware over its \
-             serial line. Goes on after a failure and lists what failed. Asks rustup for what rustup \
-             can give.",
-        )
-        .after_help(ui::AXES)
-        .styles(ui::STYLES)
-        .max_term_width(100)
-        .version(env!("CARGO_PKG_VERSION"))
-        .no_binary_name(true)
-        .args([only, list, clients])
-}
-
 /// Tests what is asked for.
-pub(crate) fn start(arguments: Vec<OsString>) -> Result<ExitCode> {
-    if arguments.iter().any(|argument| argument == "--clients") {
-        // What else is asked for is its matter.
-        return tools::become_tool(tools::CLIENTS, arguments);
-    }
-    let matches = command().get_matches_from(arguments);
-    let only = matches.get_one::<String>("only");
-    let is_list = matches.get_flag("list");
-    if !is_list {
+pub(crate) fn start(options: &Test) -> Result<ExitCode> {
+    if !options.list {
         // Checks without it go on, and those that need it say the same.
         match cargo::need_qemu() {
             Ok(version) => ui::status("Emulator", &format!("QEMU {version}")),
             Err(error) => ui::warning(&error.to_string()),
         }
     }
-    check::run(checks()?, only.map(String::as_str), is_list, 1)
+    check::run(checks()?, options.only.as_deref(), options.list, 1)
 }
 
 /// A check that needs no words when it passes.

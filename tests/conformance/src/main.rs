@@ -7,15 +7,10 @@ mod exchange;
 mod golden;
 mod print;
 
-use std::{
-    fmt::Write as _,
-    path::{Path, PathBuf},
-    process::ExitCode,
-};
+use std::{fmt::Write as _, path::Path, process::ExitCode};
 
 use anyhow::{Context, Result, ensure};
-use clap::Parser;
-use common::ui;
+use common::options::{self, Conformance as Options, Verb};
 use rayon::prelude::*;
 use serde::Serialize;
 use simulation::{
@@ -30,34 +25,6 @@ use self::{
     exchange::Exchange,
     golden::Case,
 };
-
-/// Replay what Grbl was recorded to do, and compare
-///
-/// DIR holds recordings: programs that were executed (golden/CATEGORY/NAME.grbl.json), programs in
-/// check mode line by line (golden/CATEGORY/NAME.check.csv), single lines
-/// (suites/) and sessions with times (suites/). Answers,
-/// messages, reports, positions, modes, outputs and times are compared. Deliberate deviations are
-/// named and counted; any other difference is printed and makes the exit status 1.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask conformance", styles = ui::STYLES, max_term_width = 100, version)]
-#[command(after_help = ui::AXES)]
-struct Options {
-    /// The recorded data
-    #[arg(required_unless_present = "document")]
-    dir: Option<PathBuf>,
-    /// Only this category: a folder of golden/, 'check', `error_cases` or 'transcripts'; repeatable
-    #[arg(long, value_name = "NAME")]
-    category: Vec<String>,
-    /// Write every comparison as JSON
-    #[arg(long, value_name = "OUT")]
-    json: Option<PathBuf>,
-    /// Print every difference, also those that are by design
-    #[arg(long)]
-    all: bool,
-    /// Print docs/conformance.md
-    #[arg(long, hide = true)]
-    document: bool,
-}
 
 /// Something recorded.
 #[derive(Debug)]
@@ -86,8 +53,10 @@ struct Outcome {
 }
 
 fn main() -> ExitCode {
-    let options = Options::parse();
-    common::main(|| run(&options))
+    common::main(|| match options::read() {
+        Verb::Conformance(options) => run(&options),
+        other => other.refuse(),
+    })
 }
 
 fn run(options: &Options) -> Result<ExitCode> {
