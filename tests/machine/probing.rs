@@ -85,8 +85,8 @@ fn a_miss_is_an_alarm_where_it_is_an_error() {
         assert!(!snapshot.probed.success);
         if alarm {
             assert_eq!(snapshot.state, State::Alarm);
-            let told = [Notice::Alarm(Alarm::ProbeContact), Notice::Probed];
-            assert_eq!(cell.notices(), told);
+            let expected = [Notice::Alarm(Alarm::ProbeContact), Notice::Probed];
+            assert_eq!(cell.notices(), expected);
             assert_eq!(snapshot.probed.steps[Z], 0);
             assert!(!snapshot.is_critical);
             cell.send(Work::Unlock);
@@ -197,10 +197,10 @@ fn a_contact_while_slowing_down_for_a_hold_ends_the_move_after_it() {
     assert!(cell.physical()[Z] < -400);
     cell.run_ms(100);
     assert_eq!(cell.state(), State::HoldComplete);
-    let rest = cell.physical();
+    let standstill = cell.physical();
     cell.byte(b'~');
     cell.run_to_end();
-    assert_eq!(cell.physical(), rest);
+    assert_eq!(cell.physical(), standstill);
     assert_eq!(cell.notices(), [Notice::Probed]);
     assert_eq!(cell.snapshot().probed.steps[Z], -400);
     assert_eq!(cell.state(), State::Idle);
@@ -236,8 +236,8 @@ fn a_miss_that_is_held_at_its_end_is_told_when_it_goes_on() {
         cell.run_ms(500);
         assert_eq!(cell.state(), State::Alarm);
         let notices = cell.notices();
-        let told = [Notice::Alarm(Alarm::ProbeContact), Notice::Probed];
-        assert!(notices.ends_with(&told), "{notices:?}");
+        let expected = [Notice::Alarm(Alarm::ProbeContact), Notice::Probed];
+        assert!(notices.ends_with(&expected), "{notices:?}");
         // The answer of the line waits for that.
         assert!(cell.snapshot().is_at_rest);
     }

@@ -3,10 +3,12 @@
 use leadscrew::{
     axis::{Axes, X, Y, Z},
     model::{Levels, Spindle, State},
-    settings::{Settings, StepRate, assign},
+    settings::{Settings, StepRate},
     sim::Simulator,
-    units::{Nm, TICKS_PER_MS},
+    units::Nm,
 };
+
+use crate::support::{Machine, assigned};
 
 /// How far a change has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
@@ -42,25 +44,31 @@ const NEXT: &str = "G1X-15Z-9F600";
 
 /// A machine with tool 1, a sender and an operator.
 struct Shop {
-    simulator: Box<Simulator>,
-    heard: String,
+    machine: Machine,
+    /// Lines that have been sent.
     sent: usize,
 }
 
 impl Shop {
-    fn new() -> Self {
-        let mut settings = Settings::new(StepRate::Proven(200_000));
-        for assignment in [
-            "22=1", "788=7", "789=1", "110=5000", "111=5000", "112=5000", "120=200", "121=200",
-            "122=200",
-        ] {
-            assign(&mut settings, assignment.as_bytes()).unwrap();
-        }
-        let mut shop = Self {
-            simulator: Box::new(Simulator::new(&settings)),
-            heard: String::new(),
-            sent: 0,
+    /// A machine with axes that are so fast.
+    fn with(acceleration: &str, more: &[&str]) -> Self {
+        let axes = (0..3).flat_map(|axis| {
+            let rate = format!("11{axis}=5000");
+            [rate, format!("12{axis}={acceleration}")]
+        });
+        let more = more.iter().map(|&assignment| assignment.to_owned());
+        let settings = Settings {
+            step_rate: StepRate::Proven(200_000),
+            ..assigned(axes.chain(more))
         };
+        Self {
+            machine: Machine::with(&settings),
+            sent: 0,
+        }
+    }
+
+    fn new() -> Self {
+        let mut shop = Self::with("200", &["22=1", "788=7", "789=1"]);
         for line in [
             "$H",
             "G0X-5Y-5Z-2",
@@ -75,47 +83,37 @@ impl Shop {
         shop
     }
 
-    fn run_ms(&mut self, milliseconds: u32) {
-        let end = self.simulator.now() + u64::from(milliseconds) * u64::from(TICKS_PER_MS);
-        self.simulator.settle();
-        while self.simulator.now() < end {
-            while let Some(byte) = self.simulator.send() {
-                self.heard.push(char::from(byte));
-                self.simulator.settle();
-            }
-            let _ = self.simulator.advance(end);
-        }
-    }
-
-    fn until(&mut self, claim: impl Fn(&Self) -> bool) {
+    fn until(&mut self, is_true: impl Fn(&Self) -> bool) {
         for _ in 0..200_000 {
-            if claim(self) {
+            if is_true(self) {
                 return;
             }
-            self.run_ms(1);
+            self.machine.run(1);
         }
-        panic!("never: {:?}, {}", self.state(), self.heard);
+        panic!("never: {:?}, {}", self.state(), self.machine.received);
     }
 
     fn byte(&mut self, byte: u8) {
-        self.simulator.receive(byte);
-        self.run_ms(1);
+        self.machine.send_for([byte], 1);
     }
 
     fn line(&mut self, line: &str) {
-        for byte in line.bytes().chain(*b"\n") {
-            self.simulator.receive(byte);
-        }
+        self.machine.send(format!("{line}\n"));
         self.sent += 1;
     }
 
     fn state(&self) -> State {
-        self.simulator.snapshot().state
+        self.machine.state()
+    }
+
+    fn is_at_rest(&self) -> bool {
+        self.machine.simulator.snapshot().is_at_rest
     }
 
     fn is_answered(&self) -> bool {
-        assert!(!self.heard.contains("error"), "{}", self.heard);
-        self.heard.matches("ok\r\n").count() == self.sent && self.simulator.snapshot().is_at_rest
+        let received = &self.machine.received;
+        assert!(!received.contains("error"), "{received}");
+        received.matches("ok\r\n").count() == self.sent && self.is_at_rest()
     }
 
     /// Begins a change, and comes to a stage of it.
@@ -123,11 +121,11 @@ impl Shop {
         let mut shop = Self::new();
         let moves = |shop: &mut Self, state| {
             shop.until(|shop| shop.state() == state);
-            shop.run_ms(60);
+            shop.machine.run(60);
             assert_eq!(shop.state(), state, "{stage:?}");
         };
         let rests = |shop: &mut Self, state| {
-            shop.until(|shop| shop.state() == state && shop.simulator.snapshot().is_at_rest);
+            shop.until(|shop| shop.state() == state && shop.is_at_rest());
         };
         shop.line("G1X-12F600");
         shop.line("T2M6G43.1Z-3");
@@ -135,13 +133,13 @@ impl Shop {
             moves(&mut shop, State::Run);
             return shop;
         }
-        shop.until(|shop| shop.heard.contains("[MSG:Tool change: T2]"));
+        shop.until(|shop| shop.machine.received.contains("[MSG:Tool change: T2]"));
         if stage == Stage::Leaving {
             moves(&mut shop, State::Run);
             return shop;
         }
         rests(&mut shop, State::HoldComplete);
-        assert_eq!(shop.simulator.outputs().spindle, Spindle::Off);
+        assert_eq!(shop.machine.simulator.outputs().spindle, Spindle::Off);
         if stage == Stage::Waiting {
             return shop;
         }
@@ -167,7 +165,7 @@ impl Shop {
         shop.byte(b'~');
         moves(&mut shop, State::Run);
         if stage == Stage::After {
-            let is_next = |shop: &Self| shop.simulator.snapshot().steps[X] < -12 * 250;
+            let is_next = |shop: &Self| shop.machine.simulator.snapshot().steps[X] < -12 * 250;
             shop.until(|shop| is_next(shop) || shop.state() == State::HoldComplete);
             if shop.state() == State::HoldComplete {
                 // The spindle is off.
@@ -182,7 +180,7 @@ impl Shop {
     fn finish(&mut self, stage: Stage) {
         let mut is_sent = stage >= Stage::Manual;
         for _ in 0..100 {
-            self.run_ms(1000);
+            self.machine.run(1000);
             match self.state() {
                 State::HoldComplete | State::DoorClosed | State::Tool => self.byte(b'~'),
                 _ if !self.is_answered() => {}
@@ -193,17 +191,21 @@ impl Shop {
                 }
             }
         }
-        panic!("{stage:?}: {:?}, {}", self.state(), self.heard);
+        panic!("{stage:?}: {:?}, {}", self.state(), self.machine.received);
     }
 
     fn assert_position(&self, what: &str) {
-        let snapshot = self.simulator.snapshot();
-        assert_eq!(snapshot.steps, self.simulator.physical_steps(), "{what}");
+        let snapshot = self.machine.simulator.snapshot();
+        assert_eq!(
+            snapshot.steps,
+            self.machine.simulator.physical_steps(),
+            "{what}"
+        );
     }
 
     fn assert_mm(&self, x: i32, y: i32, z: i32, what: &str) {
         self.assert_position(what);
-        let steps = self.simulator.physical_steps();
+        let steps = self.machine.simulator.physical_steps();
         assert_eq!(
             [steps[X], steps[Y], steps[Z]],
             [x, y, z].map(|mm| mm * 250),
@@ -212,11 +214,16 @@ impl Shop {
     }
 
     fn tool(&self) -> u8 {
-        self.simulator.session().interpreter().loaded_tool()
+        self.machine.simulator.session().interpreter().loaded_tool()
     }
 
     fn tool_offset(&self) -> Axes<Nm> {
-        self.simulator.session().interpreter().offsets().tool
+        self.machine
+            .simulator
+            .session()
+            .interpreter()
+            .offsets()
+            .tool
     }
 }
 
@@ -227,15 +234,15 @@ fn a_change_of_the_tool_that_is_disturbed_at_any_stage_ends_as_if_it_had_not_bee
         ("nothing", |_| {}),
         ("a feed hold", |shop| {
             shop.byte(b'!');
-            shop.run_ms(1000);
+            shop.machine.run(1000);
         }),
         ("the door", |shop| {
-            shop.simulator.set_pin(Levels::DOOR, true);
-            shop.run_ms(1000);
+            shop.machine.set_pin(Levels::DOOR, true);
+            shop.machine.run(1000);
             assert_eq!(shop.state(), State::DoorAjar);
             shop.assert_position("the door is open");
-            shop.simulator.set_pin(Levels::DOOR, false);
-            shop.run_ms(100);
+            shop.machine.set_pin(Levels::DOOR, false);
+            shop.machine.run(100);
         }),
         ("overrides", |shop| {
             for byte in [0x91, 0x96, 0x9a, 0xa0, 0xa0, 0x9e] {
@@ -255,7 +262,11 @@ fn a_change_of_the_tool_that_is_disturbed_at_any_stage_ends_as_if_it_had_not_bee
             shop.assert_mm(-15, -10, -12, &what);
             assert_eq!(shop.tool(), 2, "{what}");
             assert_eq!(shop.tool_offset()[Z], Nm(-3 * Nm::PER_MM), "{what}");
-            assert_eq!(shop.simulator.outputs().spindle, Spindle::Off, "{what}");
+            assert_eq!(
+                shop.machine.simulator.outputs().spindle,
+                Spindle::Off,
+                "{what}"
+            );
         }
     }
 }
@@ -265,20 +276,24 @@ fn a_reset_at_any_stage_of_a_change_leaves_position_and_tool_true_and_drops_the_
     for stage in STAGES {
         let what = format!("{stage:?}");
         let mut shop = Shop::at(stage);
-        let moved = !shop.simulator.snapshot().is_at_rest;
+        let moved = !shop.is_at_rest();
         shop.byte(0x18);
-        shop.run_ms(3000);
+        shop.machine.run(3000);
         shop.assert_position(&what);
         assert_eq!(shop.state() == State::Alarm, moved, "{what}");
-        assert_eq!(shop.heard.contains("ALARM:3"), moved, "{what}");
+        assert_eq!(shop.machine.received.contains("ALARM:3"), moved, "{what}");
         assert_eq!(
             shop.tool(),
             if stage < Stage::Returning { 1 } else { 2 },
             "{what}"
         );
         assert_eq!(shop.tool_offset(), Axes::all(Nm(0)), "{what}");
-        assert_eq!(shop.simulator.outputs().spindle, Spindle::Off, "{what}");
-        shop.heard.clear();
+        assert_eq!(
+            shop.machine.simulator.outputs().spindle,
+            Spindle::Off,
+            "{what}"
+        );
+        shop.machine.received.clear();
         shop.sent = 0;
         for line in ["$X", "G0X-20Y-21Z-1"] {
             shop.line(line);
@@ -292,8 +307,14 @@ fn a_reset_at_any_stage_of_a_change_leaves_position_and_tool_true_and_drops_the_
 fn without_power_at_any_stage_of_a_change_no_tool_is_known_and_what_is_stored_stays() {
     for stage in STAGES {
         let shop = Shop::at(stage);
-        let stored = shop.simulator.session().interpreter().offsets().origins;
-        let flash = shop.simulator.into_flash();
+        let stored = shop
+            .machine
+            .simulator
+            .session()
+            .interpreter()
+            .offsets()
+            .origins;
+        let flash = shop.machine.simulator.into_flash();
         let simulator = Simulator::power_up(flash, StepRate::Unproven);
         let interpreter = simulator.session().interpreter();
         assert_eq!(interpreter.loaded_tool(), 0, "{stage:?}");
@@ -305,28 +326,24 @@ fn without_power_at_any_stage_of_a_change_no_tool_is_known_and_what_is_stored_st
 /// Streams a program to a machine without homing, line by line. Returns the answers that are not `ok`,
 /// with the lines.
 fn stream(text: &str) -> Vec<(String, String)> {
-    let mut settings = Settings::new(StepRate::Proven(200_000));
-    for assignment in [
-        "110=5000", "111=5000", "112=5000", "120=500", "121=500", "122=500",
-    ] {
-        assign(&mut settings, assignment.as_bytes()).unwrap();
-    }
-    let mut shop = Shop {
-        simulator: Box::new(Simulator::new(&settings)),
-        heard: String::new(),
-        sent: 0,
-    };
-    shop.run_ms(1);
+    let mut shop = Shop::with("500", &[]);
     let mut refused = Vec::new();
     for line in text.lines() {
-        shop.heard.clear();
+        shop.machine.received.clear();
         shop.line(line);
-        shop.until(|shop| shop.heard.contains("ok\r\n") || shop.heard.contains("error:"));
-        if let Some(error) = shop.heard.lines().find(|text| text.starts_with("error:")) {
+        shop.until(|shop| {
+            shop.machine.received.contains("ok\r\n") || shop.machine.received.contains("error:")
+        });
+        if let Some(error) = shop
+            .machine
+            .received
+            .lines()
+            .find(|text| text.starts_with("error:"))
+        {
             refused.push((line.to_owned(), error.to_owned()));
         }
     }
-    shop.until(|shop| shop.simulator.snapshot().is_at_rest);
+    shop.until(Shop::is_at_rest);
     assert_eq!(shop.state(), State::Idle);
     shop.assert_position("the end of the program");
     refused
