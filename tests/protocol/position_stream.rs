@@ -8,11 +8,11 @@ use leadscrew::{
     settings::{Settings, assign},
     sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
     stepper::{IntegerArc, StepRule},
-    units::TICKS_PER_MS,
+    units::TICKS_PER_SECOND,
 };
 use proptest::prelude::*;
 
-use crate::cases;
+use crate::support::{MS, Machine, assigned, cases};
 
 /// Four arcs of 270° about the ends of a cross: 2 400 steps each.
 const PROGRAM: &str = include_str!("../../examples/pico.nc");
@@ -82,7 +82,7 @@ impl Recorder {
     /// Time from the first step to the last.
     fn seconds(&self) -> f64 {
         let ticks = self.ticks[self.ticks.len() - 1] - self.ticks[0];
-        ticks as f64 / f64::from(TICKS_PER_MS) / 1000.0
+        ticks as f64 / f64::from(TICKS_PER_SECOND)
     }
 
     /// Every line is a position that the axes have had before it, after that of the line before.
@@ -97,12 +97,8 @@ impl Recorder {
 }
 
 fn settings(assignments: &[&str]) -> Settings {
-    let mut settings = Settings::default();
     let machine = MACHINE.lines().filter_map(|line| line.strip_prefix('$'));
-    for assignment in machine.chain(assignments.iter().copied()) {
-        assign(&mut settings, assignment.as_bytes()).expect(assignment);
-    }
-    settings
+    assigned(machine.chain(assignments.iter().copied()))
 }
 
 fn run_at(settings: &Settings, program: &str, baud: u32) -> Recorder {
@@ -237,33 +233,21 @@ fn lines_have_z_if_it_is_asked_for() {
 fn lines_keep_their_distance_and_the_last_one_comes_all_the_same() {
     for interval_ms in [20, 1000] {
         let setting = format!("792={interval_ms}");
-        let mut simulator = Simulator::new(&settings(&[&setting]));
+        let mut machine = Machine::with(&settings(&[&setting]));
+        machine.send("G1 X300 F15000\nX303\n");
         let mut sent = Vec::new();
-        let mut line = String::new();
-        for byte in b"G1 X300 F15000\nX303\n" {
-            simulator.receive(*byte);
-        }
-        simulator.settle();
-        let mut is_due = true;
-        while is_due {
-            is_due = simulator.due().is_some_and(|due| {
-                simulator.advance(due);
-                true
-            });
-            while let Some(byte) = simulator.send() {
-                line.push(char::from(byte));
-                if byte == b'\n' {
-                    sent.push((simulator.now(), std::mem::take(&mut line)));
-                    is_due = true;
-                }
+        loop {
+            let now = machine.simulator.now();
+            sent.extend(machine.lines().into_iter().map(|line| (now, line)));
+            if !machine.advance() {
+                break;
             }
-            simulator.settle();
         }
         sent.retain(|(_, line)| line.starts_with("X:"));
-        assert_eq!(sent.pop().unwrap().1, "X:303,Y:0\r\n");
+        assert_eq!(sent.pop().unwrap().1, "X:303,Y:0");
         // A line comes up to a segment after the position that it has.
         let shortest = sent.windows(2).map(|two| two[1].0 - two[0].0).min();
-        let least = (interval_ms - 2) * u64::from(TICKS_PER_MS);
+        let least = (interval_ms - 2) * MS;
         assert!(shortest.unwrap_or(least) >= least, "{shortest:?}");
         let expected = 1212 / interval_ms as usize;
         assert!(
