@@ -1,8 +1,8 @@
 //! Probing moves: what they tell, where they end, and what may happen on the way.
 
-use crate::support::{Cell, cases, check_limits, fast};
+use crate::support::{Cell, add_steps, cases, check_limits, fast};
 use leadscrew::{
-    axis::{AXES, Axes, X, Z},
+    axis::{Axes, X, Z},
     model::{Alarm, Levels, Notice, Probing, State},
     path::Work,
     settings::Settings,
@@ -38,9 +38,7 @@ fn cell() -> Cell {
 fn position_when(cell: &Cell, holds: impl Fn(&Axes<i32>) -> bool) -> Axes<i32> {
     let mut position = Axes::all(0);
     for edge in &cell.trace.edges {
-        for axis in (0..AXES).filter(|axis| edge.raise >> axis & 1 != 0) {
-            position[axis] += 1 - 2 * i32::from(edge.directions >> axis & 1);
-        }
+        add_steps(&mut position, edge);
         if edge.raise != 0 && holds(&position) {
             return position;
         }

@@ -1,11 +1,11 @@
 //! The program that the firmware brings along: `$794`.
 
 use leadscrew::{
-    axis::{AXES, Axes},
+    axis::Axes,
     model::{Levels, State},
 };
 
-use crate::support::{Machine, assigned};
+use crate::support::{Machine, add_steps, assigned};
 
 /// One step is 1 mm, 250 steps a second, no ramp.
 const MACHINE: &str = include_str!("../../examples/pico.settings");
@@ -29,10 +29,7 @@ fn ends(machine: &Machine) -> Vec<[i32; 2]> {
     let mut steps = Axes::all(0);
     let mut ends = Vec::new();
     for edge in machine.edges.iter().filter(|edge| edge.raise != 0) {
-        for axis in (0..AXES).filter(|axis| edge.raise >> axis & 1 != 0) {
-            let is_negative = edge.directions >> axis & 1 != 0;
-            steps[axis] += if is_negative { -1 } else { 1 };
-        }
+        add_steps(&mut steps, edge);
         let position = [steps[0], steps[1]];
         let is_end = [[-400, 400], [0, 0], [400, -400]].contains(&position);
         if is_end && ends.last() != Some(&position) {

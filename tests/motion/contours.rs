@@ -7,13 +7,10 @@ mod geometry;
 mod job;
 mod misfit;
 
-use leadscrew::{
-    settings::Settings,
-    sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
-};
+use leadscrew::{axis::Axes, settings::Settings, sim::Simulator};
 use proptest::prelude::*;
 
-use crate::support::{cases, with};
+use crate::support::{Recording, cases, stream, with};
 use geometry::{Piece, Point, Way, length, minus};
 use job::{Form, wide_contours};
 use misfit::MISFITS;
@@ -27,31 +24,9 @@ const NEARER_MM: f64 = 2.0 * STEP_MM;
 
 /// What the machine did.
 struct Executed {
-    axes: [usize; 2],
     /// The position after each step, steps.
     points: Vec<[i32; 2]>,
     answers: Vec<String>,
-}
-
-impl Watcher for Executed {
-    fn edge(&mut self, edge: &Edge) {
-        let steps = |axis: usize| match (edge.raise >> axis & 1, edge.directions >> axis & 1) {
-            (0, _) => 0,
-            (_, 0) => 1,
-            _ => -1,
-        };
-        if edge.raise != 0 {
-            let [x, y] = self.points.last().copied().unwrap_or_default();
-            let [first, second] = self.axes.map(steps);
-            self.points.push([x + first, y + second]);
-        }
-    }
-
-    fn answer(&mut self, _: u64, answer: &[u8]) {
-        self.answers.push(String::from_utf8_lossy(answer).into());
-    }
-
-    fn message(&mut self, _: u64, _: &[u8]) {}
 }
 
 impl Executed {
@@ -74,15 +49,14 @@ fn settings() -> Settings {
 /// Runs lines on the whole machine.
 fn execute(form: Form, lines: &[String]) -> Executed {
     let program = lines.join("\n");
-    let mut simulator = Box::new(Simulator::new(&settings()));
-    let mut executed = Executed {
-        axes: form.axes(),
-        points: Vec::new(),
-        answers: Vec::new(),
-    };
-    let end = Stream::new(&mut *simulator, program.bytes(), 1_000_000).run(&mut executed);
-    assert_eq!(end, StreamEnd::Complete, "{lines:#?}");
-    executed
+    let Recording {
+        positions, answers, ..
+    } = stream(Simulator::new(&settings()), &program, 1_000_000);
+    let point = |(_, steps): (u64, Axes<i32>)| form.axes().map(|axis| steps[axis]);
+    Executed {
+        points: positions.into_iter().map(point).collect(),
+        answers,
+    }
 }
 
 /// No step is nearer to pieces of a contour than the tool's radius.

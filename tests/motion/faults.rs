@@ -1,12 +1,12 @@
 //! Step events that run out in motion, and clocks that wrap.
 
-use crate::support::{RESET, TICKS_PER_S, line, receive, with};
+use crate::support::{RESET, TICKS_PER_S, add_steps, line, receive, with};
 use leadscrew::{
     axis::Axes,
     model::{Requests, State},
     path::{Entry, Router, Work},
     settings::{Settings, StepRate},
-    sim::{Drive, Edge},
+    sim::Drive,
 };
 
 /// The drive on a clock of its own; `prepare` runs only when it is told to.
@@ -56,20 +56,8 @@ impl Machine {
             return false;
         };
         self.now = edge.ticks;
-        self.count(&edge);
+        add_steps(&mut self.steps, &edge);
         self.drive.due().is_some()
-    }
-
-    fn count(&mut self, edge: &Edge) {
-        for (axis, steps) in self.steps.iter_mut().enumerate() {
-            if edge.raise >> axis & 1 != 0 {
-                *steps += if edge.directions >> axis & 1 == 0 {
-                    1
-                } else {
-                    -1
-                };
-            }
-        }
     }
 
     /// Plays everything, with `prepare` in time.

@@ -1,15 +1,11 @@
 //! Motion with limits of jerk, as the step pins show it.
 
+use crate::moves::{acts, lines};
 use crate::support::{
-    self, Act, Rig, Trace, Trapezoid, at, cases, check_limits, check_path, interval_error_rms,
-    line, line_at, number, slack, target, target_steps, with,
+    self, Rig, Trace, Trapezoid, at, cases, check_limits, check_path, interval_error_rms, line,
+    line_at, number, slack, target, target_steps, with,
 };
-use leadscrew::{
-    axis::Axes,
-    model::{Command, FeedRate},
-    settings::Settings,
-    units::{Nm, TICKS_PER_MS},
-};
+use leadscrew::{axis::Axes, model::FeedRate, settings::Settings, units::TICKS_PER_MS};
 use proptest::prelude::*;
 
 const DOOR: u8 = 0x84;
@@ -168,24 +164,12 @@ fn a_hold_and_a_cancelled_jog_take_two_windows_more_than_the_trapezoid() {
     }
 }
 
-/// Lines, some of them rapid or short.
-fn lines() -> impl Strategy<Value = Vec<Command>> {
-    let coordinate = prop_oneof![
-        4 => -3_000_000..3_000_000_i64,
-        2 => -30_000..30_000_i64,
-        1 => Just(0_i64),
-    ];
-    let feed_rate = prop_oneof![
+/// Rapids and feed rates.
+fn feed_rates() -> impl Strategy<Value = FeedRate> {
+    prop_oneof![
         Just(FeedRate::Rapid),
         (20.0..12_000.0_f32).prop_map(FeedRate::Feed),
-    ];
-    let line = (prop::array::uniform3(coordinate), feed_rate).prop_map(|(nm, feed_rate)| {
-        line_at(
-            Axes::from_fn(|axis| nm.get(axis).map_or(Nm(0), |nm| Nm(*nm))),
-            feed_rate,
-        )
-    });
-    prop::collection::vec(line, 1..12)
+    ]
 }
 
 /// Machines whose acceleration takes 1 to 150 ms.
@@ -206,24 +190,14 @@ fn machines() -> impl Strategy<Value = Settings> {
         })
 }
 
-fn acts(bytes: &'static [u8]) -> impl Strategy<Value = Vec<Act>> {
-    let byte = prop::sample::select(bytes);
-    prop::collection::vec((0..700_u64, byte), 0..16).prop_map(|mut acts| {
-        acts.sort_unstable();
-        acts.into_iter()
-            .map(|(ms, byte)| (ms * u64::from(TICKS_PER_MS) + 7919 * ms, byte))
-            .collect()
-    })
-}
-
 proptest! {
     #![proptest_config(cases(12))]
 
     #[test]
     fn no_order_of_events_loses_a_step_or_breaks_a_limit(
         settings in machines(),
-        commands in lines(),
-        acts in acts(&[0x90, 0x91, 0x92, 0x91, 0x92, 0x95, 0x96, 0x97, b'!', b'~', b'~', DOOR, RESET]),
+        commands in lines(feed_rates()),
+        acts in acts(&[0x90, 0x91, 0x92, 0x91, 0x92, 0x95, 0x96, 0x97, b'!', b'~', b'~', DOOR, RESET], 16),
         feed_ticks in prop::sample::select(vec![0, 100_000, 3_000_000_u64]),
     ) {
         let commands = number(&commands);

@@ -212,17 +212,14 @@ fn settings() -> impl Strategy<Value = Settings> {
         })
 }
 
-/// Lines, some of them rapid, in inverse time, short or without any length.
-fn lines() -> impl Strategy<Value = Vec<Command>> {
+/// Lines, some of them short or without any length.
+pub(crate) fn lines(
+    feed_rate: impl Strategy<Value = FeedRate>,
+) -> impl Strategy<Value = Vec<Command>> {
     let coordinate = prop_oneof![
         4 => -3_000_000..3_000_000_i64,
         2 => -30_000..30_000_i64,
         1 => Just(0_i64),
-    ];
-    let feed_rate = prop_oneof![
-        Just(FeedRate::Rapid),
-        (20.0..12_000.0_f32).prop_map(FeedRate::Feed),
-        (30.0..3000.0_f32).prop_map(FeedRate::InverseTime),
     ];
     let line = (prop::array::uniform3(coordinate), feed_rate).prop_map(|(nm, feed_rate)| {
         line_at(
@@ -233,10 +230,19 @@ fn lines() -> impl Strategy<Value = Vec<Command>> {
     prop::collection::vec(line, 1..12)
 }
 
+/// Rapids, and feed rates in both modes.
+fn feed_rates() -> impl Strategy<Value = FeedRate> {
+    prop_oneof![
+        Just(FeedRate::Rapid),
+        (20.0..12_000.0_f32).prop_map(FeedRate::Feed),
+        (30.0..3000.0_f32).prop_map(FeedRate::InverseTime),
+    ]
+}
+
 /// Times in ms and bytes, in order of time.
-fn acts() -> impl Strategy<Value = Vec<Act>> {
-    let byte = prop::sample::select(vec![b'!', b'!', b'~', b'~', b'~', RESET]);
-    prop::collection::vec((0..700_u64, byte), 0..8).prop_map(|mut acts| {
+pub(crate) fn acts(bytes: &'static [u8], most: usize) -> impl Strategy<Value = Vec<Act>> {
+    let byte = prop::sample::select(bytes);
+    prop::collection::vec((0..700_u64, byte), 0..most).prop_map(|mut acts| {
         acts.sort_unstable();
         acts.into_iter()
             .map(|(ms, byte)| (ms * u64::from(TICKS_PER_MS) + 7919 * ms, byte))
@@ -248,7 +254,7 @@ proptest! {
     #![proptest_config(cases(12))]
 
     #[test]
-    fn lines_end_on_their_steps_within_all_limits(settings in settings(), commands in lines()) {
+    fn lines_end_on_their_steps_within_all_limits(settings in settings(), commands in lines(feed_rates())) {
         let trace = check(&settings, &commands);
         let end = commands.last().and_then(target).unwrap();
         prop_assert_eq!(trace.net_steps(), target_steps(&settings, &end));
@@ -257,8 +263,8 @@ proptest! {
     #[test]
     fn no_hold_resume_or_reset_loses_or_doubles_a_step(
         settings in settings(),
-        commands in lines(),
-        acts in acts(),
+        commands in lines(feed_rates()),
+        acts in acts(b"!!~~~\x18", 8),
         feed_ticks in prop::sample::select(vec![0, 100_000, 3_000_000_u64]),
     ) {
         let commands = number(&commands);

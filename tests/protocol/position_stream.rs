@@ -3,16 +3,15 @@
 use std::fmt::Write as _;
 
 use leadscrew::{
-    axis::{AXES, Axes},
     model::Rotation,
     settings::{Settings, assign},
-    sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
+    sim::Simulator,
     stepper::{IntegerArc, StepRule},
     units::TICKS_PER_SECOND,
 };
 use proptest::prelude::*;
 
-use crate::support::{MS, Machine, assigned, cases};
+use crate::support::{MS, Machine, assigned, cases, stream};
 
 /// Four arcs of 270° about the ends of a cross: 2 400 steps each.
 const PROGRAM: &str = include_str!("../../examples/pico.nc");
@@ -28,9 +27,7 @@ const ARCS: [([i32; 2], [i32; 2], Rotation); 4] = [
 ];
 
 /// What the machine did and sent.
-#[derive(Default)]
 struct Recorder {
-    steps: Axes<i32>,
     /// Every position that X, Y and Z have had, and when, ticks since power-up.
     trace: Vec<[i32; 3]>,
     ticks: Vec<u64>,
@@ -38,33 +35,6 @@ struct Recorder {
     positions: Vec<(String, usize, u64)>,
     answers: Vec<String>,
     others: Vec<String>,
-}
-
-impl Watcher for Recorder {
-    fn edge(&mut self, edge: &Edge) {
-        if edge.raise == 0 {
-            return;
-        }
-        for axis in (0..AXES).filter(|axis| edge.raise >> axis & 1 != 0) {
-            let is_negative = edge.directions >> axis & 1 != 0;
-            self.steps[axis] += if is_negative { -1 } else { 1 };
-        }
-        self.trace.push([0, 1, 2].map(|axis| self.steps[axis]));
-        self.ticks.push(edge.ticks);
-    }
-
-    fn answer(&mut self, _line: u64, answer: &[u8]) {
-        self.answers.push(String::from_utf8_lossy(answer).into());
-    }
-
-    fn message(&mut self, answers: u64, message: &[u8]) {
-        let message = String::from_utf8_lossy(message).into_owned();
-        if message.starts_with("X:") {
-            self.positions.push((message, self.trace.len(), answers));
-        } else {
-            self.others.push(message);
-        }
-    }
 }
 
 impl Recorder {
@@ -102,12 +72,19 @@ fn settings(assignments: &[&str]) -> Settings {
 }
 
 fn run_at(settings: &Settings, program: &str, baud: u32) -> Recorder {
-    let mut simulator = Simulator::new(settings);
-    let mut recorder = Recorder::default();
-    let mut stream = Stream::new(&mut simulator, program.bytes(), baud);
-    assert_eq!(stream.run(&mut recorder), StreamEnd::Complete);
-    assert_eq!(simulator.late(), 0);
-    recorder
+    let recording = stream(Simulator::new(settings), program, baud);
+    let (ticks, steps): (_, Vec<_>) = recording.positions.into_iter().unzip();
+    let messages = recording.messages.into_iter();
+    let (positions, others): (_, Vec<_>) = messages.partition(|(line, ..)| line.starts_with("X:"));
+    Recorder {
+        trace: { steps.iter() }
+            .map(|steps| [0, 1, 2].map(|axis| steps[axis]))
+            .collect(),
+        ticks,
+        positions,
+        answers: recording.answers,
+        others: others.into_iter().map(|(line, ..)| line).collect(),
+    }
 }
 
 fn run(assignments: &[&str], program: &str) -> Recorder {

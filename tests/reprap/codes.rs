@@ -3,10 +3,8 @@
 use leadscrew::model::{PathControl, State};
 
 use crate::{
-    machine::{
-        STEPS_PER_MM, first, reprap, reprap_with, seconds, send_numbered, statistics, xy, xy_mm,
-    },
-    support::Machine,
+    machine::{STEPS_PER_MM, first, reprap, reprap_with, seconds, send_numbered, xy, xy_mm},
+    support::{Machine, statistics},
 };
 
 #[test]
@@ -229,7 +227,7 @@ fn arcs_path_control_and_cycles_keep_their_words() {
     let steps = |line: &str| {
         let mut machine = reprap();
         assert_eq!(machine.ask(line), ["ok"], "{line}");
-        statistics(&machine).events
+        statistics(&machine.edges).events
     };
     let once = steps("G2 X0 I5 F6000");
     assert!(steps("G2 X0 I5 F6000 P2").abs_diff(2 * once) < once / 10);
@@ -269,9 +267,9 @@ fn arcs_path_control_and_cycles_keep_their_words() {
     assert_eq!(xy_mm(&machine)[0], before + 4);
     assert!(seconds(&mut machine, "X1 P2") > 2.0);
     let mut steps = |line: &str| {
-        let before = statistics(&machine).events;
+        let before = statistics(&machine.edges).events;
         assert_eq!(machine.ask(line), ["ok"], "{line}");
-        statistics(&machine).events - before
+        statistics(&machine.edges).events - before
     };
     let one_peck = steps("G83 X1 Z-10 R0 Q10");
     let many_pecks = steps("X1 Q0.5");

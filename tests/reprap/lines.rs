@@ -4,8 +4,8 @@ use leadscrew::protocol::{FailedCheck, MAX_NUMBER, RawLine, Verdict};
 use proptest::prelude::*;
 
 use crate::{
-    machine::{STEPS_PER_MM, machine_with, numbered, reprap, send_numbered, statistics, xy},
-    support::cases,
+    machine::{STEPS_PER_MM, machine_with, numbered, reprap, send_numbered, xy},
+    support::{cases, statistics},
 };
 
 /// What a host gets for a damaged line.
@@ -299,8 +299,8 @@ fn a_file_runs_as_numbered_lines_do() {
             let is_refused = answer.iter().any(|line| line.starts_with("Error"));
             assert!(is_answered && !is_refused, "{line}: {answer:?}");
         }
-        assert!(statistics(&machine).events > 1000);
-        statistics(&machine).hash
+        assert!(statistics(&machine.edges).events > 1000);
+        statistics(&machine.edges).hash
     };
     let plain: Vec<String> = program.map(str::to_owned).to_vec();
     // Senders leave comments out.

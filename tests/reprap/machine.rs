@@ -1,6 +1,6 @@
 //! Machines that speak RepRap, and what a host sends to them.
 
-use leadscrew::sim::{Simulator, StepStatistics};
+use leadscrew::sim::Simulator;
 
 use crate::support::{Machine, assigned, on_every_axis};
 
@@ -63,13 +63,4 @@ pub(crate) fn seconds(machine: &mut Machine, line: &str) -> f64 {
     let start = machine.seconds();
     machine.ask(line);
     machine.seconds() - start
-}
-
-/// What the steps since power-up amount to.
-pub(crate) fn statistics(machine: &Machine) -> StepStatistics {
-    let mut statistics = StepStatistics::new();
-    for edge in &machine.edges {
-        statistics.add(edge);
-    }
-    statistics
 }

@@ -17,6 +17,8 @@ mod profile;
 #[cfg(not(target_os = "none"))]
 mod pulses;
 #[cfg(not(target_os = "none"))]
+mod recording;
+#[cfg(not(target_os = "none"))]
 mod report;
 #[cfg(not(target_os = "none"))]
 mod rig;
@@ -25,8 +27,8 @@ mod trace;
 
 #[cfg(not(target_os = "none"))]
 pub(crate) use {
-    cases::*, cell::*, host::*, limits::*, machine::*, path::*, profile::*, pulses::*, report::*,
-    rig::*, trace::*,
+    cases::*, cell::*, host::*, limits::*, machine::*, path::*, profile::*, pulses::*,
+    recording::*, report::*, rig::*, trace::*,
 };
 
 #[cfg(not(target_os = "none"))]

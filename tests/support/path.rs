@@ -11,7 +11,7 @@ use leadscrew::{
     units::Nm,
 };
 
-use super::{TICKS_PER_S, Trace, target, target_steps};
+use super::{TICKS_PER_S, Trace, add_steps, target, target_steps};
 
 /// Grain of the search along the path, steps.
 const GRAIN: f64 = 0.05;
@@ -260,12 +260,7 @@ pub(crate) fn follow(
     let (mut piece, mut share) = (0, 0.0);
     let mut worst = 0.0_f64;
     for edge in trace.edges.iter().filter(|edge| edge.raise != 0) {
-        for axis in 0..AXES {
-            if edge.raise & 1 << axis != 0 {
-                let is_negative = edge.directions & 1 << axis != 0;
-                position[axis] += if is_negative { -1 } else { 1 };
-            }
-        }
+        add_steps(&mut position, edge);
         let limit: Point = std::array::from_fn(|n| {
             let next = waits[n].partition_point(|wait| wait.end <= edge.ticks);
             let is_waiting = waits[n]
