@@ -6,7 +6,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::machine::{Machine, RESET, TIMEOUT, is_answer};
+use crate::{
+    machine::{Machine, RESET, TIMEOUT, is_answer},
+    report::Report,
+};
 
 /// Bytes on their way unanswered, as senders keep them.
 const WINDOW: usize = 127;
@@ -69,9 +72,9 @@ impl<'a> Sender<'a> {
             let (_, expected) = self.unanswered.pop_front().expect("an answer for a line");
             assert_eq!(line, expected, "line {}", self.answered);
             self.answered += 1;
-        } else if let Some(report) = line.strip_prefix('<') {
+        } else if let Some(report) = Report::parse(line) {
             self.reports += 1;
-            self.state = report.split('|').next().unwrap().into();
+            self.state = report.state().into();
         }
     }
 

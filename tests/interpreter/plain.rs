@@ -258,7 +258,7 @@ proptest! {
             let text = stripped.text().unwrap();
             let checked = machine.check(text, &settings);
             let second = second.index(line.len() + 3);
-            let (way, short) = match plain_in_parts(&mut machine, &line, second, &settings) {
+            let (in_parts, short) = match plain_in_parts(&mut machine, &line, second, &settings) {
                 Ok(executed) => executed,
                 Err(prefix) => {
                     prop_assert_eq!(&machine, &before, "{}", line);
@@ -279,8 +279,8 @@ proptest! {
             prop_assert_eq!(&machine, &other, "{}", line);
             prop_assert_eq!(&short, &long, "{}", line);
             prop_assert_eq!(single_mm(&short), single_mm(&long), "{}", line);
-            prop_assert!(checked.moves() && way.moves());
-            for checked in [&checked, &way] {
+            prop_assert!(checked.moves() && in_parts.moves());
+            for checked in [&checked, &in_parts] {
                 prop_assert!(!checked.waits_for_standstill() && !checked.answers_when_done());
                 prop_assert!(!checked.ends_program() && checked.probing().is_none());
                 prop_assert!(machine.origins_after(checked).is_none());

@@ -1,6 +1,6 @@
 //! Cutter compensation on random contours: no step is nearer to a contour than the cutter's radius.
 //!
-//! The contours, the way beside them and the distances are computed by [`geometry`], which uses nothing
+//! The contours, their offset curves and the distances are computed by [`geometry`], which uses nothing
 //! of the firmware.
 
 mod geometry;
@@ -11,7 +11,7 @@ use leadscrew::{axis::Axes, settings::Settings, sim::Simulator};
 use proptest::prelude::*;
 
 use crate::support::{Recording, cases, stream, with};
-use geometry::{Piece, Point, Way, length, minus};
+use geometry::{Piece, Point, ToolPath, length, minus};
 use job::{Form, wide_contours};
 use misfit::MISFITS;
 
@@ -83,9 +83,9 @@ fn check_distances(
 }
 
 /// Every move of a way has ended where it should, one after the other.
-fn check_ends(executed: &Executed, way: &Way) -> Result<(), TestCaseError> {
+fn check_ends(executed: &Executed, tool_path: &ToolPath) -> Result<(), TestCaseError> {
     let mut index = 0;
-    for (path, _) in way {
+    for (path, _) in tool_path {
         let end = path.end();
         let mut nearest = f64::INFINITY;
         while index < executed.points.len() {
@@ -126,11 +126,11 @@ fn path_control_rounds_the_way_of_the_cutter() {
     };
     // Into a corner, around one, and out.
     let contour = ["G42.1D2", "G1X0Y0", "Y20", "X20", "Y30", "G40", "G1X40Y40"];
-    let way = ["G1X1Y0", "Y19", "X20", "G3X21Y20J1", "G1Y30", "X40Y40"];
+    let tool_path = ["G1X1Y0", "Y19", "X20", "G3X21Y20J1", "G1Y30", "X40Y40"];
     let rounded = executed("G64P0.2", &contour);
-    assert_eq!(rounded, executed("G64P0.2", &way));
-    assert_eq!(executed("G61", &contour), executed("G61", &way));
-    assert_ne!(rounded, executed("G61", &way), "no corner is rounded");
+    assert_eq!(rounded, executed("G64P0.2", &tool_path));
+    assert_eq!(executed("G61", &contour), executed("G61", &tool_path));
+    assert_ne!(rounded, executed("G61", &tool_path), "no corner is rounded");
 }
 
 proptest! {
@@ -138,14 +138,14 @@ proptest! {
 
     #[test]
     fn a_compensated_tool_is_nowhere_nearer_to_a_contour_than_its_radius(job in wide_contours()) {
-        let way = job.way().unwrap();
+        let tool_path = job.tool_path().unwrap();
         let mut lines = job.program();
         let exit = job.exit();
         lines.extend(["G40".into(), job.form.text(&exit, false)]);
         let executed = execute(job.form, &lines);
         prop_assert!(executed.answers.iter().all(|answer| answer == "ok"), "{:?} {:#?}", executed.answers, lines);
         check_distances(&executed, &job.contour, job.radius)?;
-        check_ends(&executed, &way)?;
+        check_ends(&executed, &tool_path)?;
         prop_assert!(length(minus(executed.end(), exit.end())) <= AT_END_MM);
     }
 }
@@ -161,9 +161,9 @@ proptest! {
         angle in 0.0..1.0_f64,
     ) {
         let mut job = job;
-        let way = job.way().unwrap();
+        let tool_path = job.tool_path().unwrap();
         let contour = job.contour.clone();
-        let stands = misfit.add(&mut job, &way, size, angle);
+        let stands = misfit.add(&mut job, &tool_path, size, angle);
         prop_assume!(stands.is_some());
         let stands = stands.unwrap();
         let lines = job.program();

@@ -83,8 +83,8 @@ impl Machine {
 /// Starves the step interrupt after some events, then looks that nothing but a reset helps.
 fn starve(settings: &Settings, events: usize) {
     let mut machine = Machine::new(settings);
-    for way in [20.0, -20.0, 30.0, 10.0, 5.0] {
-        machine.go(&[way, way * 0.7, -way * 0.3]);
+    for x in [20.0, -20.0, 30.0, 10.0, 5.0] {
+        machine.go(&[x, x * 0.7, -x * 0.3]);
     }
     machine.prepare();
     for _ in 0..events {

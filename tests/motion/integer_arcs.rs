@@ -260,7 +260,10 @@ pub(crate) fn in_order(trace: &Trace, first: usize) -> Vec<(usize, i32)> {
 
 /// The steps of the line to the start.
 pub(crate) fn steps_to(start: [i32; 2]) -> usize {
-    start.iter().map(|way| way.unsigned_abs() as usize).sum()
+    start
+        .iter()
+        .map(|coordinate| coordinate.unsigned_abs() as usize)
+        .sum()
 }
 
 /// The ends of the axes of a circle: all of them, or one where the tests must be quick.

@@ -26,19 +26,19 @@ struct Mean {
 
 impl Mean {
     /// Time at which each distance is reached, rising.
-    fn when(&self, ways: impl Iterator<Item = f64>) -> Vec<f64> {
+    fn when(&self, distances: impl Iterator<Item = f64>) -> Vec<f64> {
         const DT: f64 = 2.0e-6;
-        let way = |t: f64| self.trapezoid.way(t);
-        let speed = |t: f64| (way(t) - way(t - self.window)) / self.window;
+        let distance = |t: f64| self.trapezoid.distance(t);
+        let speed = |t: f64| (distance(t) - distance(t - self.window)) / self.window;
         let (mut t, mut done, mut before) = (0.0, 0.0, 0.0);
         let mut times = Vec::new();
-        for way in ways {
-            while done < way && t < 10.0 {
+        for distance in distances {
+            while done < distance && t < 10.0 {
                 before = done;
                 done += 0.5 * (speed(t) + speed(t + DT)) * DT;
                 t += DT;
             }
-            times.push(t - DT * (done - way) / (done - before).max(1.0e-12));
+            times.push(t - DT * (done - distance) / (done - before).max(1.0e-12));
         }
         times
     }
@@ -66,12 +66,19 @@ fn hardest_jerk(trace: &Trace, axis: usize, per_mm: f64, window_s: f64) -> f64 {
 #[test]
 fn a_line_is_the_third_order_optimum() {
     let settings = machine(10_000.0);
-    let way = [100.0_f64, 61.8, 38.2];
-    let trace = Rig::play(&settings, &number(&[line(&way, 6000.0)]));
+    let displacement = [100.0_f64, 61.8, 38.2];
+    let trace = Rig::play(&settings, &number(&[line(&displacement, 6000.0)]));
     trace.check_pulses();
     check_limits(&settings, &trace);
-    assert_eq!(trace.net_steps(), target_steps(&settings, &at(&way)));
-    let length = way.iter().map(|way| way * way).sum::<f64>().sqrt();
+    assert_eq!(
+        trace.net_steps(),
+        target_steps(&settings, &at(&displacement))
+    );
+    let length = displacement
+        .iter()
+        .map(|displacement| displacement * displacement)
+        .sum::<f64>()
+        .sqrt();
     let ideal = Mean {
         trapezoid: Trapezoid {
             length,
@@ -85,14 +92,14 @@ fn a_line_is_the_third_order_optimum() {
     println!("{whole:.4} s of {optimum:.4} s");
     assert!(whole <= optimum * 1.005, "{whole}");
     let start = trace.starts[0] as f64 / support::TICKS_PER_S;
-    for (axis, way) in way.into_iter().enumerate() {
+    for (axis, displacement) in displacement.into_iter().enumerate() {
         let per_mm = f64::from(settings.steps_per_mm[axis].to_f32());
         let steps = trace.steps(axis);
         let times: Vec<f64> = steps.iter().map(|step| step.seconds - start).collect();
-        let ways = steps
+        let distances = steps
             .iter()
-            .map(|step| (f64::from(step.position) - 0.5) / per_mm * length / way);
-        let rms = interval_error_rms(&times, &ideal.when(ways));
+            .map(|step| (f64::from(step.position) - 0.5) / per_mm * length / displacement);
+        let rms = interval_error_rms(&times, &ideal.when(distances));
         let jerk = hardest_jerk(&trace, axis, per_mm, 0.004);
         println!(
             "axis {axis}: interval error {:.3} % rms, jerk {jerk:.0} mm/s³",

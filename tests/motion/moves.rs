@@ -284,21 +284,27 @@ fn one_line_of_three_axes_is_the_exact_trapezoid() {
     let settings = with(&[320.0, 320.0, 400.0], &[6000.0], &[500.0]);
     let commands = [line(&[100.0, 61.8, 38.2], 6000.0)];
     let trace = check(&settings, &commands);
-    let way = [100.0_f64, 61.8, 38.2];
-    let length = way.iter().map(|way| way * way).sum::<f64>().sqrt();
+    let displacement = [100.0_f64, 61.8, 38.2];
+    let length = displacement
+        .iter()
+        .map(|displacement| displacement * displacement)
+        .sum::<f64>()
+        .sqrt();
     let ideal = Trapezoid {
         length,
         speed: 100.0,
         acceleration: 500.0 * length / 100.0,
     };
     let start = trace.starts[0] as f64 / TICKS_PER_S;
-    for (axis, way) in way.into_iter().enumerate() {
+    for (axis, displacement) in displacement.into_iter().enumerate() {
         let steps = trace.steps(axis);
         let per_mm = f64::from(settings.steps_per_mm[axis].to_f32());
         let times: Vec<f64> = steps.iter().map(|step| step.seconds - start).collect();
         let exact: Vec<f64> = steps
             .iter()
-            .map(|step| ideal.when((f64::from(step.position) - 0.5) / per_mm * length / way))
+            .map(|step| {
+                ideal.when((f64::from(step.position) - 0.5) / per_mm * length / displacement)
+            })
             .collect();
         let rms = interval_error_rms(&times, &exact);
         let worst = times
@@ -316,16 +322,16 @@ fn one_line_of_three_axes_is_the_exact_trapezoid() {
     let whole = trace.whole_seconds();
     println!("{whole:.6} s of {:.6} s", ideal.seconds());
     assert!((whole / ideal.seconds() - 1.0).abs() <= 0.001, "{whole}");
-    let off = off_line(&settings, &trace, way);
+    let off = off_line(&settings, &trace, displacement);
     println!("{off:.3} steps off the path at most");
-    let jump = largest_jump(&settings, &trace, way, length);
+    let jump = largest_jump(&settings, &trace, displacement, length);
     println!("largest jump of the path speed {jump:.3} mm/s");
     assert!(jump <= 0.7, "{jump}");
 }
 
 /// The most that an axis is off a line from the origin after any step, in steps.
-fn off_line(settings: &Settings, trace: &Trace, way: [f64; 3]) -> f64 {
-    let ends = [0, 1, 2].map(|n| way[n] * f64::from(settings.steps_per_mm[n].to_f32()));
+fn off_line(settings: &Settings, trace: &Trace, displacement: [f64; 3]) -> f64 {
+    let ends = [0, 1, 2].map(|n| displacement[n] * f64::from(settings.steps_per_mm[n].to_f32()));
     let mut position = [0.0; 3];
     let mut worst = 0.0_f64;
     for edge in trace.edges.iter().filter(|edge| edge.raise != 0) {
@@ -354,9 +360,9 @@ fn off_line(settings: &Settings, trace: &Trace, way: [f64; 3]) -> f64 {
 
 /// Largest change of the path speed from one interval of the X axis to the next, mm/s, in cruise
 /// and, less what the acceleration makes of it, on the ramps.
-fn largest_jump(settings: &Settings, trace: &Trace, way: [f64; 3], length: f64) -> f64 {
+fn largest_jump(settings: &Settings, trace: &Trace, displacement: [f64; 3], length: f64) -> f64 {
     let per_mm = f64::from(settings.steps_per_mm[0].to_f32());
-    let to_path = length / way[0];
+    let to_path = length / displacement[0];
     let times: Vec<f64> = trace.steps(0).iter().map(|step| step.seconds).collect();
     let mut jump = 0.0_f64;
     for span in times.windows(3) {

@@ -33,8 +33,8 @@ const CORNERS: &str = "G1X10F1200\nX20Y1\nX30Y2\nY12\nG2X40Y22I10\nG1Y30\n";
 #[test]
 fn exact_path_is_the_mode_at_power_up() {
     let plain = play(&fast(), CORNERS);
-    let said = play(&fast(), &format!("G61\n{CORNERS}"));
-    assert_eq!(steps(&plain), steps(&said));
+    let explicit = play(&fast(), &format!("G61\n{CORNERS}"));
+    assert_eq!(steps(&plain), steps(&explicit));
 }
 
 #[test]

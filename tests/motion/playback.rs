@@ -126,10 +126,10 @@ fn a_number_changes_neither_answers_nor_motion() {
 
 /// A move, an arc or a dwell.
 fn line() -> impl Strategy<Value = String> {
-    let ways = [-3000..3000_i32, -3000..3000, -500..500];
+    let ranges = [-3000..3000_i32, -3000..3000, -500..500];
     let feeds = 50..4000_i32;
-    (0..6_u32, ways, feeds).prop_map(|(what, [x, y, z], feed)| {
-        let [x, y, z] = [x, y, z].map(|way| f64::from(way) / 100.0);
+    (0..6_u32, ranges, feeds).prop_map(|(what, [x, y, z], feed)| {
+        let [x, y, z] = [x, y, z].map(|hundredths| f64::from(hundredths) / 100.0);
         match what {
             0 => format!("G0X{x}Y{y}Z{z}"),
             1 => format!("G3X{x}Y{y}R{}F{feed}", 0.6 * x.hypot(y) + 0.1),

@@ -100,9 +100,12 @@ fn the_stream_shows_every_step_of_the_experiment() {
     assert!(places.len() >= 2 * 2400, "{} lines", places.len());
     let mut before = [0, 0];
     for place in &places {
-        let ways = [0, 1].map(|axis| (place[axis] - before[axis]).abs());
-        assert!(ways.iter().all(|way| *way <= 1), "{before:?} to {place:?}");
-        assert_ne!(ways, [0, 0], "twice {place:?}");
+        let moved = [0, 1].map(|axis| (place[axis] - before[axis]).abs());
+        assert!(
+            moved.iter().all(|count| *count <= 1),
+            "{before:?} to {place:?}"
+        );
+        assert_ne!(moved, [0, 0], "twice {place:?}");
         before = [place[0], place[1]];
     }
     let mut ends = places.iter();
@@ -123,11 +126,11 @@ fn the_experiment_ends_where_it_began_after_30_156_seconds() {
         let mut steps = 0;
         let mut place = from;
         for [x, y, _] in &recorder.trace[begin..] {
-            let ways = [x - place[0], y - place[1]].map(i32::unsigned_abs);
-            assert!(ways.iter().all(|way| *way <= 1));
-            steps += ways[0] + ways[1];
-            for (count, way) in counts.iter_mut().zip(ways) {
-                *count += way;
+            let moved = [x - place[0], y - place[1]].map(i32::unsigned_abs);
+            assert!(moved.iter().all(|moved| *moved <= 1));
+            steps += moved[0] + moved[1];
+            for (count, axis) in counts.iter_mut().zip(moved) {
+                *count += axis;
             }
             place = [*x, *y];
             begin += 1;

@@ -217,6 +217,11 @@ impl Machine {
 
     /// Asks for a status report, and takes it from what is received.
     pub(crate) fn report(&mut self) -> Report {
+        self.timed_report().0
+    }
+
+    /// The same, with how long its first byte took, ms.
+    pub(crate) fn timed_report(&mut self) -> (Report, f64) {
         let start = self.simulator.now();
         let before = self.received.len();
         let end = start + 50 * MS;
@@ -235,11 +240,7 @@ impl Machine {
         let (last, _) = find(">\r\n");
         let line: String = self.received.drain(first..last + 3).collect();
         let report = Report::parse(line.trim_end()).expect("a report");
-        let latency_ms = latency as f64 / MS as f64;
-        Report {
-            latency_ms,
-            ..report
-        }
+        (report, latency as f64 / MS as f64)
     }
 
     pub(crate) fn state(&self) -> State {

@@ -195,11 +195,11 @@ pub(crate) fn pieces(settings: &Settings, commands: &[Command]) -> Vec<Piece> {
 }
 
 /// The path that the router is given, from the origin.
-pub(crate) fn pieces_of_ways(settings: &Settings, ways: &[BlendOutput]) -> Vec<Piece> {
+pub(crate) fn pieces_of_blended(settings: &Settings, outputs: &[BlendOutput]) -> Vec<Piece> {
     let mut from = Axes::all(Nm(0));
     let mut pieces = Vec::new();
-    for way in ways {
-        match way {
+    for output in outputs {
+        match output {
             BlendOutput::Command(command) => {
                 pieces.extend(Piece::new(settings, &from, command));
                 from = target(command).unwrap_or(from);

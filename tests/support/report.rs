@@ -1,18 +1,17 @@
 //! Status reports: `<State|MPos:0.000,0.000,0.000|FS:0,0>`.
 
-/// A status report, with how long its first byte took.
+/// A status report.
 #[derive(Debug, Clone)]
 pub(crate) struct Report {
+    /// Without the angle brackets.
     pub(crate) line: String,
-    pub(crate) latency_ms: f64,
 }
 
 impl Report {
     /// Reads a line of the machine; none if it is no report.
     pub(crate) fn parse(line: &str) -> Option<Self> {
         let line = line.strip_prefix('<')?.strip_suffix('>')?.to_owned();
-        let latency_ms = 0.0;
-        Some(Self { line, latency_ms })
+        Some(Self { line })
     }
 
     /// The state, with its substate: `Hold:0`.

@@ -40,7 +40,7 @@ pub(crate) struct Rig {
     /// How moves follow each other, what has become of them, and the work that it makes, each block
     /// with a line number of its own.
     pub(crate) control: PathControl,
-    pub(crate) ways: Vec<BlendOutput>,
+    pub(crate) blended: Vec<BlendOutput>,
     path: Blender,
     works: VecDeque<Work>,
     blocks: u32,
@@ -72,7 +72,7 @@ impl Rig {
             is_recovering: settings.homing,
             feed_ticks: 0,
             control: PathControl::ExactPath,
-            ways: Vec::new(),
+            blended: Vec::new(),
             path: Blender::new(),
             works: VecDeque::new(),
             blocks: 0,
@@ -96,9 +96,9 @@ impl Rig {
     }
 
     fn drain(&mut self) {
-        while let Some(way) = self.path.front().copied() {
-            self.ways.push(way);
-            if let Some(mut work) = self.router.route_blended(&way) {
+        while let Some(output) = self.path.front().copied() {
+            self.blended.push(output);
+            if let Some(mut work) = self.router.route_blended(&output) {
                 self.blocks += 1;
                 if let Work::Move(block) = &mut work {
                     block.line = self.blocks;
