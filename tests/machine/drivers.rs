@@ -28,9 +28,9 @@ impl Enabling {
     /// Sends bytes, and runs for some milliseconds.
     fn send_for(&mut self, bytes: &str, ms: u64) {
         self.machine.send(bytes);
-        let end = self.machine.simulator.now() + ms * MS;
+        let end = self.machine.now() + ms * MS;
         self.observe(self.machine.edges.len());
-        while self.machine.simulator.now() < end {
+        while self.machine.now() < end {
             let edges = self.machine.edges.len();
             self.machine.advance_to(end);
             self.observe(edges);
@@ -39,7 +39,7 @@ impl Enabling {
 
     /// Observes the drivers, and steps after so many edges.
     fn observe(&mut self, edges: usize) {
-        let now = self.machine.simulator.now();
+        let now = self.machine.now();
         let is_step = self.machine.edges[edges..]
             .iter()
             .any(|edge| edge.raise != 0);
@@ -49,7 +49,7 @@ impl Enabling {
             self.leads.push(now - enabled);
             self.is_stepping = true;
         }
-        match (self.machine.simulator.outputs().drivers, self.enabled) {
+        match (self.machine.outputs().drivers, self.enabled) {
             (true, None) => {
                 self.enabled = Some(now);
                 self.is_stepping = false;

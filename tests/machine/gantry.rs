@@ -31,7 +31,7 @@ fn settings() -> Settings {
 fn gantry(settings: &Settings, axes: u8, ahead: i32) -> Machine {
     let mut machine = Machine::of(Simulator::ganged(settings, axes));
     let others = Levels::limits(((1 << AXES) - 1) & !0b111);
-    machine.simulator.set_pin(others, settings.limit_invert);
+    machine.set_pin(others, settings.limit_invert);
     for axis in [X, Y, Z] {
         let closes = closes(settings, axis);
         machine.mount(axis, closes, Levels::limits(1 << axis));
@@ -41,8 +41,8 @@ fn gantry(settings: &Settings, axes: u8, ahead: i32) -> Machine {
                 closes,
                 input: Levels::second_limits(1 << axis),
             };
-            assert!(machine.simulator.mount_second(second));
-            machine.simulator.skew(axis, ahead);
+            assert!(machine.mount_second(second));
+            machine.skew(axis, ahead);
         }
     }
     machine.run(100);
@@ -52,18 +52,15 @@ fn gantry(settings: &Settings, axes: u8, ahead: i32) -> Machine {
 
 /// Returns how far both motors of an axis are from their switch, away from it, steps.
 fn distances(machine: &Machine, axis: usize) -> [i32; 2] {
-    let settings = machine.simulator.session().settings();
+    let settings = machine.session().settings();
     let sign = if is_negative(settings, axis) { -1 } else { 1 };
-    let motors = [
-        machine.simulator.physical_steps(),
-        machine.simulator.second_steps(),
-    ];
+    let motors = [machine.physical_steps(), machine.second_steps()];
     motors.map(|steps| AWAY - sign * steps[axis])
 }
 
 /// Returns how far the second motor of an axis is ahead of the first, steps.
 fn ahead(machine: &Machine, axis: usize) -> i32 {
-    machine.simulator.second_steps()[axis] - machine.simulator.physical_steps()[axis]
+    machine.second_steps()[axis] - machine.physical_steps()[axis]
 }
 
 fn is_negative(settings: &Settings, axis: usize) -> bool {

@@ -89,7 +89,7 @@ fn homing_does_not_start_on_a_switch() {
     let lines = answers(&mut machine, "$H", 100);
     assert_eq!(lines, ["[MSG:Check Limits]", "error:203"]);
     assert_eq!(machine.state(), State::Alarm);
-    assert_eq!(machine.simulator.physical_steps(), Axes::all(0));
+    assert_eq!(machine.physical_steps(), Axes::all(0));
 }
 
 #[test]
@@ -153,8 +153,8 @@ fn a_hard_limit_is_told_and_waits_for_a_reset() {
     machine.set_pin(Levels::limits(1), true);
     machine.run(100);
     assert_eq!(machine.lines(), ["ALARM:1", "[MSG:Reset to continue]"]);
-    let steps = machine.simulator.physical_steps();
-    assert_eq!(machine.simulator.snapshot().steps, steps);
+    let steps = machine.physical_steps();
+    assert_eq!(machine.snapshot().steps, steps);
     assert_eq!(answers(&mut machine, "$X", 100), [""; 0]);
     machine.set_pin(Levels::limits(1), false);
     machine.run(1);
@@ -165,7 +165,7 @@ fn a_hard_limit_is_told_and_waits_for_a_reset() {
         ["[MSG:Caution: Unlocked]", "ok"]
     );
     assert_eq!(answers(&mut machine, "G1X0F1000", 5000), ["ok"]);
-    assert_eq!(machine.simulator.physical_steps(), Axes::all(0));
+    assert_eq!(machine.physical_steps(), Axes::all(0));
 }
 
 #[test]
@@ -173,19 +173,19 @@ fn a_contact_counts_after_the_filter() {
     let mut machine = Machine::with(&fast());
     machine.set_pin(Levels::PROBE | Levels::limits(1), true);
     run_us(&mut machine, 999);
-    assert_eq!(machine.simulator.snapshot().inputs, Levels::NONE);
+    assert_eq!(machine.snapshot().inputs, Levels::NONE);
     run_us(&mut machine, 2);
     let both = Levels::PROBE | Levels::limits(1);
-    assert_eq!(machine.simulator.snapshot().inputs, both);
+    assert_eq!(machine.snapshot().inputs, both);
     machine.set_pin(Levels::PROBE, false);
     run_us(&mut machine, 700);
     machine.set_pin(Levels::PROBE, true);
     machine.run(2);
-    assert_eq!(machine.simulator.snapshot().inputs, both);
+    assert_eq!(machine.snapshot().inputs, both);
     machine.set_pin(both, false);
     run_us(&mut machine, 1001);
-    assert_eq!(machine.simulator.snapshot().inputs, Levels::NONE);
-    assert_eq!(machine.simulator.due(), None);
+    assert_eq!(machine.snapshot().inputs, Levels::NONE);
+    assert_eq!(machine.due(), None);
 }
 
 #[test]
@@ -197,7 +197,7 @@ fn inverted_inputs_are_active_while_open() {
     machine.set_pin(Levels::limits(2), true);
     run_us(&mut machine, 1500);
     let others = Levels::limits((1 << AXES) - 1 - 2);
-    assert_eq!(machine.simulator.snapshot().inputs, others);
+    assert_eq!(machine.snapshot().inputs, others);
 }
 
 #[test]
@@ -238,15 +238,15 @@ fn a_switch_closes_at_its_position() {
         machine.mount(switch.axis, switch.closes, switch.input);
         machine.send(format!("G1X{target}F600\n"));
         run_us(&mut machine, 1);
-        while !machine.simulator.snapshot().inputs.has(Levels::limits(1)) {
-            assert!(machine.simulator.now() < 200 * MS);
+        while !machine.snapshot().inputs.has(Levels::limits(1)) {
+            assert!(machine.now() < 200 * MS);
             assert!(machine.advance());
         }
         let steps = machine.xyz()[X];
         assert!(switch.is_closed_at(steps), "{steps}");
         assert!((40..45).contains(&steps.abs()), "{steps}");
         machine.send_for("G0X0\n", 500);
-        assert_eq!(machine.simulator.snapshot().inputs, Levels::NONE);
+        assert_eq!(machine.snapshot().inputs, Levels::NONE);
         assert_eq!(machine.xyz()[X], 0);
     }
 }

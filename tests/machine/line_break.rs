@@ -40,11 +40,11 @@ fn open_and_close_door(machine: &mut Machine) {
 
 /// Makes a break: the receiver sees a byte without a stop bit, and then nothing.
 fn make_break(machine: &mut Machine, ms: u64) {
-    machine.simulator.pull_line(true);
+    machine.pull_line(true);
     machine.run(1);
-    machine.simulator.receive_damaged();
+    machine.receive_damaged();
     machine.run(ms - 1);
-    machine.simulator.pull_line(false);
+    machine.pull_line(false);
     machine.run(100);
 }
 
@@ -78,7 +78,7 @@ fn a_break_that_lasts_holds_once_and_each_break_anew() {
     make_break(&mut machine, 50);
     assert_eq!(machine.lines(), [MESSAGE]);
     // A break that lasts does not hold again after `~`.
-    machine.simulator.pull_line(true);
+    machine.pull_line(true);
     machine.run(500);
     machine.send_for("~", 500);
     assert_eq!(machine.state(), State::Run);
@@ -101,15 +101,15 @@ fn looks_that_always_find_a_low_bit_of_a_byte_hold_nothing() {
     // At these rates a byte of ten bits comes at least once in a period or two.
     for baud in [9600_u64, 115_200, 1_000_000] {
         let mut machine = machine_at("G1X10F600\n");
-        machine.simulator.pull_line(true);
+        machine.pull_line(true);
         let byte_ticks = u64::from(TICKS_PER_SECOND) * 10 / baud;
         let end = machine.seconds() + 0.3;
         // Spaces, which are left out of a line, are low for 8 of 10 bits.
         while machine.seconds() < end {
-            machine.simulator.receive(b' ');
+            machine.receive(b' ');
             machine.run_ticks(byte_ticks);
         }
-        machine.simulator.pull_line(false);
+        machine.pull_line(false);
         machine.run(2000);
         assert_eq!((machine.state(), x(&machine)), (State::Idle, 2500));
         assert!(machine.lines().is_empty());
@@ -211,7 +211,7 @@ fn what_waits_behind_a_jog_that_is_being_ended_is_held() {
     machine.run(60_000);
     assert_eq!(machine.state(), State::HoldComplete);
     assert!(x(&machine) < 0, "{}", x(&machine));
-    assert_eq!(machine.simulator.outputs().duty, 0);
+    assert_eq!(machine.outputs().duty, 0);
     machine.send_for("~", 60_000);
     assert_eq!((machine.state(), x(&machine)), (State::Idle, 0));
 }
@@ -227,7 +227,7 @@ fn jogs_that_wait_are_held() {
     machine.lines();
     make_break(&mut machine, 300);
     machine.run(60_000);
-    assert!(machine.simulator.received_free() < 500);
+    assert!(machine.received_free() < 500);
     assert_eq!(machine.state(), State::HoldComplete);
     assert!(x(&machine) < 20 * 250, "{}", x(&machine));
     let lines = machine.lines();
@@ -263,7 +263,7 @@ fn a_line_that_has_waited_for_the_operator_is_held_behind_the_door() {
     make_break(&mut machine, 300);
     machine.run(60_000);
     assert_eq!((machine.state(), x(&machine)), (State::HoldComplete, 250));
-    assert_eq!(machine.simulator.outputs().duty, 0);
+    assert_eq!(machine.outputs().duty, 0);
 }
 
 #[test]

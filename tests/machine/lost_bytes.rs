@@ -19,8 +19,8 @@ enum Sent {
 fn send(machine: &mut Machine, bytes: impl IntoIterator<Item = Sent>) {
     for sent in bytes {
         match sent {
-            Sent::Byte(byte) => machine.simulator.receive(byte),
-            Sent::Damaged => machine.simulator.receive_damaged(),
+            Sent::Byte(byte) => machine.receive(byte),
+            Sent::Damaged => machine.receive_damaged(),
         }
     }
 }
@@ -206,7 +206,7 @@ fn what_a_full_queue_loses_refuses_the_line_and_no_other() {
     // 1023 bytes fit: 102 lines, and three bytes of the next.
     let line = "G91G0X012\n";
     send_text(&mut machine, &line.repeat(104));
-    assert_eq!(machine.simulator.lost(), 17);
+    assert_eq!(machine.lost(), 17);
     send_text(&mut machine, "~");
     let answers = machine.answers();
     assert!(answers.iter().all(|answer| answer == "ok"));

@@ -18,17 +18,17 @@ fn machine() -> Machine {
 
 /// Which coils of X are energised, IN1 first.
 fn pattern(machine: &Machine) -> String {
-    let coils = machine.simulator.coils()[0];
+    let coils = machine.coils()[0];
     let digit = |coil: u8| if coils >> coil & 1 != 0 { '1' } else { '0' };
     (0..4).map(digit).collect()
 }
 
 /// Sends a line, runs for some milliseconds, and gives the patterns of X whenever they change.
 fn patterns(machine: &mut Machine, line: &str, ms: u64) -> Vec<String> {
-    let end = machine.simulator.now() + ms * MS;
+    let end = machine.now() + ms * MS;
     machine.send(format!("{line}\n"));
     let mut patterns = vec![pattern(machine)];
-    while machine.simulator.now() < end {
+    while machine.now() < end {
         machine.advance_to(end);
         patterns.push(pattern(machine));
     }

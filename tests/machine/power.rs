@@ -73,7 +73,7 @@ fn an_offset_in_a_program_is_stored_when_the_machine_stands_still() {
         let line = format!("G1 F500 X{}\nG10 L2 P1 Z{index}\nG1 X0\n", index % 2);
         assert_eq!(machine.exchange(&line), "ok\r\nok\r\nok\r\n", "{index}");
     }
-    assert!(machine.simulator.flash().erases()[0] > 0);
+    assert!(machine.flash().erases()[0] > 0);
     let mut machine = machine.cycle_power();
     machine.exchange("");
     assert!(
@@ -87,9 +87,9 @@ fn an_offset_in_a_program_is_stored_when_the_machine_stands_still() {
 fn a_power_cut_while_storing_leaves_the_old_or_the_new() {
     for after in 0..70 {
         let mut machine = Machine::new(&[]);
-        machine.simulator.flash().cut_after(after, after);
+        machine.flash().cut_after(after, after);
         machine.exchange("$110=700\n");
-        let is_cut = machine.simulator.flash().is_off();
+        let is_cut = machine.flash().is_off();
         let mut machine = machine.cycle_power();
         machine.exchange("");
         let settings = machine.exchange("$$\n");
@@ -103,7 +103,7 @@ fn a_power_cut_while_storing_leaves_the_old_or_the_new() {
 fn what_cannot_be_stored_is_refused_and_changes_nothing() {
     let mut machine = Machine::new(&[]);
     let before = machine.exchange("$$\n$#\n");
-    machine.simulator.flash().cut_after(0, 1);
+    machine.flash().cut_after(0, 1);
     for line in ["$110=700\n", "G10 L2 P1 X5\n", "$N0=G20\n"] {
         let answer = machine.exchange(line);
         assert!(answer.starts_with("error:"), "{line}: {answer}");
@@ -179,7 +179,7 @@ fn without_its_crystal_a_machine_says_so_and_does_not_move() {
     assert!(machine.exchange("$G\n").ends_with("ok\r\n"));
     assert_eq!(machine.exchange("\x18"), received);
     assert_eq!(machine.exchange("$X\n"), "error:9\r\n");
-    assert_eq!(machine.simulator.physical_steps(), Axes::all(0));
+    assert_eq!(machine.physical_steps(), Axes::all(0));
 }
 
 #[test]
@@ -220,7 +220,7 @@ fn after_the_watchdog_or_a_fault_the_position_is_lost_and_the_cause_received() {
             if is_fault {
                 assert_eq!(machine.exchange("M3 S1000\n"), "error:9\r\n");
                 assert_eq!(machine.exchange("G0 X1\n"), "error:9\r\n");
-                assert_eq!(machine.simulator.outputs(), &Outputs::default());
+                assert_eq!(machine.outputs(), &Outputs::default());
             }
             if is_fault || homing {
                 assert!(machine.exchange("$X\n").ends_with("ok\r\n"));

@@ -16,7 +16,7 @@ fn on_line(assignments: &[&str]) -> Machine {
 
 /// A report, and how long its first byte took, ms: everything sent before it has left the machine.
 fn report(machine: &mut Machine) -> (Report, f64) {
-    while machine.simulator.has_to_send() {
+    while machine.has_to_send() {
         machine.run(1);
     }
     machine.run(1);
@@ -50,37 +50,30 @@ fn a_report_comes_within_5_ms_in_every_state_of_a_program() {
     let lines = lines.collect::<Vec<_>>().concat();
     let many = lines.len();
     for (sent, byte) in lines.bytes().enumerate() {
-        if machine.simulator.received_free() < 2 {
+        if machine.received_free() < 2 {
             assert!(sent < many, "the look-ahead is never full");
             break;
         }
         machine.send([byte]);
     }
-    assert_eq!(machine.simulator.snapshot().blocks_free, 0);
+    assert_eq!(machine.snapshot().blocks_free, 0);
     assert_reports(&mut machine, "Run");
-    machine.send(b"!");
-    machine.run(1500);
-    assert_reports(&mut machine, "Hold:0");
-    machine.send(b"\x84");
-    machine.run(500);
-    assert_reports(&mut machine, "Door:0");
-    machine.send(b"\x18");
-    machine.run(200);
-    assert_reports(&mut machine, "Idle");
-    machine.send(b"G4P2\n");
-    machine.run(100);
-    assert_reports(&mut machine, "Idle");
+    for (bytes, ms, state) in [
+        (&b"!"[..], 1500, "Hold:0"),
+        (b"\x84", 500, "Door:0"),
+        (b"\x18", 200, "Idle"),
+        (b"G4P2\n", 100, "Idle"),
+    ] {
+        machine.send_for(bytes, ms);
+        assert_reports(&mut machine, state);
+    }
     machine.run(2000);
-    machine.send(b"M0\n");
-    machine.run(100);
+    machine.send_for(b"M0\n", 100);
     assert_reports(&mut machine, "Hold:0");
-    machine.send(b"~");
-    machine.run(100);
-    machine.send(b"$J=G91X-50F300\n");
-    machine.run(300);
+    machine.send_for(b"~", 100);
+    machine.send_for(b"$J=G91X-50F300\n", 300);
     assert_reports(&mut machine, "Jog");
-    machine.send(b"\x18");
-    machine.run(500);
+    machine.send_for(b"\x18", 500);
     assert_reports(&mut machine, "Alarm");
 }
 
@@ -89,8 +82,7 @@ fn a_report_comes_within_5_ms_while_homing_checking_and_asleep() {
     let mut machine = on_line(&["22=1"]);
     machine.mount_limits([2000; 3]);
     assert_reports(&mut machine, "Alarm");
-    machine.send(b"$H\n");
-    machine.run(50);
+    machine.send_for(b"$H\n", 50);
     while machine.state() == State::Home {
         let (report, latency_ms) = report(&mut machine);
         if machine.state() == State::Home {
@@ -100,31 +92,25 @@ fn a_report_comes_within_5_ms_while_homing_checking_and_asleep() {
         machine.run(97);
     }
     assert_reports(&mut machine, "Idle");
-    machine.send(b"$C\n");
-    machine.run(50);
+    machine.send_for(b"$C\n", 50);
     assert_reports(&mut machine, "Check");
-    machine.send(b"$C\n");
-    machine.run(200);
-    machine.send(b"$SLP\n");
-    machine.run(50);
+    machine.send_for(b"$C\n", 200);
+    machine.send_for(b"$SLP\n", 50);
     assert_reports(&mut machine, "Sleep");
 }
 
 #[test]
 fn a_report_comes_within_5_ms_after_an_alarm_that_only_a_reset_ends() {
     let mut machine = on_line(&["21=1", "22=1", "20=1"]);
-    machine.send(b"$X\nG0X10\n");
-    machine.run(500);
+    machine.send_for(b"$X\nG0X10\n", 500);
     assert_reports(&mut machine, "Alarm");
-    assert!(machine.simulator.snapshot().is_critical);
-    machine.send(b"\x18");
-    machine.run(200);
-    machine.send(b"$X\nG0X-10\n");
-    machine.run(100);
+    assert!(machine.snapshot().is_critical);
+    machine.send_for(b"\x18", 200);
+    machine.send_for(b"$X\nG0X-10\n", 100);
     machine.set_pin(Levels::limits(1 << X), true);
     machine.run(100);
     assert_reports(&mut machine, "Alarm");
-    assert!(machine.simulator.snapshot().is_critical);
+    assert!(machine.snapshot().is_critical);
 }
 
 #[test]
@@ -133,7 +119,7 @@ fn a_limit_switch_is_guarded_before_the_first_motion() {
     machine.set_pin(Levels::limits(1 << X), true);
     machine.run(100);
     assert_reports(&mut machine, "Alarm");
-    assert!(machine.simulator.snapshot().is_critical);
+    assert!(machine.snapshot().is_critical);
 }
 
 #[test]

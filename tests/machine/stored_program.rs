@@ -69,7 +69,7 @@ fn a_line_of_the_sender_ends_the_program_at_its_end_and_is_answered() {
     assert_eq!(machine.take_received(), "[MSG:Pgm End]\r\nok\r\n");
     assert_eq!(ends(&machine), ONE_ROUND);
     assert_eq!(machine.state(), State::Idle);
-    assert_eq!(machine.simulator.physical_steps()[0], 10);
+    assert_eq!(machine.physical_steps()[0], 10);
 }
 
 #[test]

@@ -84,7 +84,7 @@ fn received(machine: &mut Machine) -> String {
 }
 
 fn trace(machine: &Machine) -> Trace {
-    let settings = machine.simulator.session().settings();
+    let settings = machine.session().settings();
     Trace::of(settings, &machine.edges)
 }
 
@@ -94,8 +94,8 @@ fn slower_s(machine: &Machine, other: &Machine) -> f64 {
 }
 
 fn is_at_rest(machine: &Machine) -> bool {
-    let session = machine.simulator.session();
-    let snapshot = machine.simulator.snapshot();
+    let session = machine.session();
+    let snapshot = machine.snapshot();
     snapshot.is_at_rest && snapshot.finished == session.entered()
 }
 

@@ -91,7 +91,7 @@ fn homing_and_probing_are_told_apart() {
             machine.mount(axis, Closes::DownFrom(-5 * steps), Levels::PROBE);
         }
     }
-    let machine = *machine.simulator;
+    let machine = machine.into_simulator();
     let recording = watch(
         machine,
         "$H\nG91G38.2Z-30F100\nG0Z1\n",

@@ -37,17 +37,17 @@ const DISTURBED: Disturbed<'_> = Disturbed {
 fn assert_gone(machine: &mut Machine, what: &str) {
     let modes = execute(machine, "$G").join(" ");
     assert!(!modes.contains(" G41"), "{what}: {modes}");
-    let before = machine.simulator.physical_steps();
+    let before = machine.physical_steps();
     execute(machine, "G4P0.01");
     machine.run_to_rest();
     assert_true(machine, what);
-    assert_eq!(machine.simulator.physical_steps(), before, "{what}");
+    assert_eq!(machine.physical_steps(), before, "{what}");
     assert_eq!(execute(machine, "G91G0Z-1"), ["ok"], "{what}");
     machine.run_to_rest();
     assert_true(machine, what);
     let mut moved = before;
     moved[Z] -= 5;
-    assert_eq!(machine.simulator.physical_steps(), moved, "{what}");
+    assert_eq!(machine.physical_steps(), moved, "{what}");
 }
 
 #[test]
@@ -110,18 +110,18 @@ fn the_travel_is_that_of_the_cutter_and_not_of_the_contour() {
 fn a_sender_that_leaves_the_machine_standing_in_a_contour_is_told_so_once_after_a_second() {
     let mut undisturbed = DISTURBED.sent();
     undisturbed.run_to_rest();
-    let end = undisturbed.simulator.physical_steps();
+    let end = undisturbed.physical_steps();
     // Nobody has left a machine that gets line after line.
     assert_eq!(undisturbed.lines(), ["ok"; CONTOUR.len()]);
     let mut machine = DISTURBED.ready();
     for (index, line) in CONTOUR.iter().enumerate() {
         // Answered although nothing follows: who waits for each answer never stands still for good.
         assert_eq!(execute(&mut machine, line), ["ok"], "{line}");
-        let mut rest_began = machine.simulator.now();
+        let mut rest_began = machine.now();
         let mut messages = Vec::new();
         while machine.advance() {
-            let now = machine.simulator.now();
-            if !machine.simulator.snapshot().is_at_rest {
+            let now = machine.now();
+            if !machine.snapshot().is_at_rest {
                 rest_began = now;
             }
             let lines = machine.lines();
@@ -142,6 +142,6 @@ fn a_sender_that_leaves_the_machine_standing_in_a_contour_is_told_so_once_after_
         };
         assert_eq!(messages, expected, "{line}");
     }
-    assert_eq!(machine.simulator.physical_steps(), end);
+    assert_eq!(machine.physical_steps(), end);
     assert_true(&machine, "the end");
 }

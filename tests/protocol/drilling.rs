@@ -30,11 +30,11 @@ fn disturbed<'a>(line: &'a &'a str) -> Disturbed<'a> {
 
 /// Nothing of a cycle is left over, for a pause at a change of the tool neither.
 fn assert_drills_nothing(machine: &mut Machine, what: &str) {
-    let before = machine.simulator.physical_steps();
+    let before = machine.physical_steps();
     for line in ["T7M6", "G4P0.01"] {
         execute(machine, line);
         machine.run_to_rest();
-        assert_eq!(machine.simulator.physical_steps(), before, "{what}: {line}");
+        assert_eq!(machine.physical_steps(), before, "{what}: {line}");
     }
 }
 
@@ -42,9 +42,9 @@ fn assert_drills_nothing(machine: &mut Machine, what: &str) {
 fn a_hold_a_door_and_overrides_at_any_stage_change_nothing_but_the_time() {
     for line in &CYCLES {
         disturbed(line).assert_undisturbed(|machine, what| {
-            let modal = machine.simulator.session().interpreter().modal();
+            let modal = machine.session().interpreter().modal();
             assert_eq!(modal.spindle, Spindle::Clockwise, "{what}");
-            let spindle = machine.simulator.outputs().spindle;
+            let spindle = machine.outputs().spindle;
             assert!(spindle != Spindle::Off, "{what}");
         });
     }
@@ -61,7 +61,7 @@ fn a_reset_at_any_stage_keeps_the_position_and_ends_the_cycle() {
             assert!(modes.contains("[GC:G0 "), "{what}: {modes}");
             assert_true(&machine, &what);
             assert_drills_nothing(&mut machine, &what);
-            assert_eq!(machine.simulator.outputs().spindle, Spindle::Off, "{what}");
+            assert_eq!(machine.outputs().spindle, Spindle::Off, "{what}");
         });
     }
 }
@@ -80,7 +80,7 @@ fn a_limit_switch_at_any_stage_ends_the_cycle() {
             execute(&mut machine, "$X");
             assert_true(&machine, &what);
             assert_drills_nothing(&mut machine, &what);
-            assert_eq!(machine.simulator.outputs().spindle, Spindle::Off, "{what}");
+            assert_eq!(machine.outputs().spindle, Spindle::Off, "{what}");
         });
     }
 }
@@ -99,7 +99,7 @@ fn a_laser_is_dark_in_all_of_a_cycle_and_burns_again_behind_it() {
             machine.send(format!("{turned}\n").as_bytes());
             for _ in 0..2 {
                 while machine.advance() {
-                    assert_eq!(machine.simulator.outputs().duty, 0, "{turned}");
+                    assert_eq!(machine.outputs().duty, 0, "{turned}");
                 }
                 // Where the line pauses.
                 machine.send(b"~");
@@ -108,7 +108,7 @@ fn a_laser_is_dark_in_all_of_a_cycle_and_burns_again_behind_it() {
             machine.send(b"G1Z-12F300\n");
             let mut burnt = 0;
             while machine.advance() {
-                burnt = burnt.max(machine.simulator.outputs().duty);
+                burnt = burnt.max(machine.outputs().duty);
             }
             assert!(burnt > 0, "{turned}");
         }
@@ -125,10 +125,10 @@ fn a_line_that_leaves_the_travel_drills_nothing() {
         let mut machine = disturbed(&line).ready();
         assert_eq!(execute(&mut machine, "G81X-6Z-9R-4F3000"), ["ok"]);
         machine.run_to_rest();
-        let before = machine.simulator.physical_steps();
+        let before = machine.physical_steps();
         let output = execute(&mut machine, line);
         assert!(output.contains(&"ALARM:2".to_owned()), "{line}: {output:?}");
-        assert_eq!(machine.simulator.physical_steps(), before, "{line}");
+        assert_eq!(machine.physical_steps(), before, "{line}");
         execute(&mut machine, "$X");
         assert_drills_nothing(&mut machine, line);
     }

@@ -35,15 +35,15 @@ fn assert_inside(simulator: &Simulator) {
 
 /// The machine is where the interpreter believes it to be.
 pub(crate) fn assert_true(machine: &Machine, what: &str) {
-    let session = machine.simulator.session();
+    let session = machine.session();
     let scales = session.settings().steps_per_mm;
     let programmed = scales.zip(session.interpreter().position(), |resolution, nm| {
         resolution.steps_as_grbl(nm, nm.to_mm()).0.0
     });
-    let steps = machine.simulator.physical_steps();
+    let steps = machine.physical_steps();
     assert_eq!(programmed, steps, "{what}");
-    assert_eq!(machine.simulator.snapshot().steps, steps, "{what}");
-    assert_eq!(machine.simulator.late(), 0, "{what}");
+    assert_eq!(machine.snapshot().steps, steps, "{what}");
+    assert_eq!(machine.late(), 0, "{what}");
 }
 
 /// Sends a line, and does what an operator would until it is answered. Returns what has been received.

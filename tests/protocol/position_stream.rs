@@ -217,7 +217,7 @@ fn lines_keep_their_distance_and_the_last_one_comes_all_the_same() {
         machine.send("G1 X300 F15000\nX303\n");
         let mut sent = Vec::new();
         loop {
-            let now = machine.simulator.now();
+            let now = machine.now();
             sent.extend(machine.lines().into_iter().map(|line| (now, line)));
             if !machine.advance() {
                 break;

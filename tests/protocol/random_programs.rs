@@ -62,13 +62,13 @@ proptest! {
                 machine.run_to_rest();
                 machine.lines();
             }
-            let session = machine.simulator.session();
+            let session = machine.session();
             let before = (changed_by_lines(session), session.stored().clone());
             let was_asleep = machine.state() == State::Sleep;
             let lines = execute_with(&mut machine, line, *between);
             let answers: Vec<_> = lines.iter().filter(|line| is_answer(line)).collect();
             prop_assert_eq!(answers.len(), usize::from(!was_asleep), "{}: {:?}", line, lines);
-            let session = machine.simulator.session();
+            let session = machine.session();
             // Realtime bytes may switch the coolant and end a jog.
             is_disturbed |= !matches!(between, None | Some(b'?'));
             if *rests && !is_disturbed && answers.iter().any(|answer| *answer != "ok") {
@@ -83,7 +83,7 @@ proptest! {
             }
         }
         prop_assert!(!machine.answers().iter().any(|line| is_answer(line)));
-        prop_assert_eq!(machine.simulator.late(), 0);
-        prop_assert_eq!(machine.simulator.lost(), 0);
+        prop_assert_eq!(machine.late(), 0);
+        prop_assert_eq!(machine.lost(), 0);
     }
 }

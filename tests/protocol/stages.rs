@@ -69,14 +69,14 @@ impl Disturbed<'_> {
         go_on(&mut undisturbed);
         assert_eq!(answers(&undisturbed.lines()), oks);
         assert_true(&undisturbed, "undisturbed");
-        let end = undisturbed.simulator.physical_steps();
+        let end = undisturbed.physical_steps();
         for bytes in DISTURBANCES {
             self.at_each_stage(|mut machine, stage| {
                 machine.send(bytes);
                 let what = format!("{:?}: {bytes:?} at {stage}", self.lines);
                 go_on(&mut machine);
                 assert_eq!(answers(&machine.lines()), oks, "{what}");
-                assert_eq!(machine.simulator.physical_steps(), end, "{what}");
+                assert_eq!(machine.physical_steps(), end, "{what}");
                 assert_true(&machine, &what);
                 assert_eq!(machine.state(), State::Idle, "{what}");
                 check(&machine, &what);

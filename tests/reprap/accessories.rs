@@ -20,7 +20,7 @@ fn a_fan_switches_between_two_moves() {
     let mut on = Vec::new();
     while xy_mm(&machine)[0] < 30 {
         machine.run(1);
-        if machine.simulator.outputs().duty != 0 {
+        if machine.outputs().duty != 0 {
             on.push(xy(&machine)[0]);
         }
     }
@@ -29,17 +29,17 @@ fn a_fan_switches_between_two_moves() {
     assert_eq!([on.first().copied(), on.last().copied()], ends);
     let mut machine = reprap_with(&["783=1", "30=255"]);
     machine.ask("M106 S127");
-    let duty = machine.simulator.outputs().duty;
+    let duty = machine.outputs().duty;
     let full = leadscrew::model::Outputs::FULL;
     assert!((duty * 2).abs_diff(full) <= full / 100, "{duty}");
-    assert_eq!(machine.simulator.outputs().spindle, Spindle::Clockwise);
+    assert_eq!(machine.outputs().spindle, Spindle::Clockwise);
     machine.ask("M107");
-    assert_eq!(machine.simulator.outputs().duty, 0);
+    assert_eq!(machine.outputs().duty, 0);
     let mut machine = reprap_with(&["783=2"]);
     machine.ask("M106");
-    assert!(machine.simulator.outputs().coolant.flood);
+    assert!(machine.outputs().coolant.flood);
     machine.ask("M106 S0");
-    assert!(!machine.simulator.outputs().coolant.flood);
+    assert!(!machine.outputs().coolant.flood);
     let mut machine = reprap();
     assert_eq!(first(&mut machine, "M106 S255"), "echo:M106: not present");
     // Once for each job.
@@ -86,16 +86,16 @@ fn m220_is_the_feed_override() {
     for percent in [100, 50, 37, 200, 195, 10, 15, 100] {
         assert_eq!(machine.ask(&format!("M220 S{percent}")), ["ok"]);
         machine.run(1);
-        let overrides = machine.simulator.snapshot().overrides;
+        let overrides = machine.snapshot().overrides;
         assert_eq!(i32::from(overrides.feed), percent);
     }
 }
 
 /// Makes a break on the line, behind which the machine waits for the operator.
 fn hold_by_break(machine: &mut Machine) {
-    machine.simulator.pull_line(true);
+    machine.pull_line(true);
     machine.run(100);
-    machine.simulator.pull_line(false);
+    machine.pull_line(false);
     machine.run(30_000);
     assert_eq!(machine.state(), State::HoldComplete);
     let lines = machine.lines();
@@ -140,14 +140,14 @@ fn a_pause_with_a_time_ends_by_itself() {
 fn drivers_are_switched_at_standstill() {
     let mut machine = reprap_with(&["1=255"]);
     machine.ask("M84");
-    assert!(!machine.simulator.outputs().drivers);
+    assert!(!machine.outputs().drivers);
     machine.ask("M17");
     machine.run(5000);
-    assert!(machine.simulator.outputs().drivers);
+    assert!(machine.outputs().drivers);
     machine.send(b"G1 X10 F6000\nM18 X Y\n");
     machine.run_to_rest();
     assert_eq!(xy_mm(&machine), [10, 0]);
-    assert!(!machine.simulator.outputs().drivers);
+    assert!(!machine.outputs().drivers);
 }
 
 #[test]
@@ -156,26 +156,23 @@ fn m84_s_sets_the_time_of_standstill_up_to_a_reset() {
     assert_eq!(machine.ask("M84 S2"), ["ok"]);
     for x in [1, 2] {
         machine.send_for(format!("G1 X{x} F6000\n"), 1900);
-        assert!(machine.simulator.outputs().drivers, "{x}");
+        assert!(machine.outputs().drivers, "{x}");
     }
     machine.run(500);
     assert_eq!(machine.lines(), ["ok", "ok"]);
-    assert!(!machine.simulator.outputs().drivers);
+    assert!(!machine.outputs().drivers);
     assert_eq!(machine.ask("M84 S0"), ["ok"]);
     machine.ask("G1 X3");
     machine.run(40_000);
-    assert!(
-        machine.simulator.outputs().drivers,
-        "0 is never, as in Marlin"
-    );
+    assert!(machine.outputs().drivers, "0 is never, as in Marlin");
     machine.ask("M18");
-    assert!(!machine.simulator.outputs().drivers);
+    assert!(!machine.outputs().drivers);
     machine.ask("M999");
     machine.run(100);
     machine.lines();
     machine.ask("G1 X4 F6000");
     machine.run(100);
-    assert!(!machine.simulator.outputs().drivers, "$1 counts again");
+    assert!(!machine.outputs().drivers, "$1 counts again");
     assert_eq!(
         first(&mut machine, "M84 S70000"),
         "Error:the value is outside its range (error:39)"
@@ -209,11 +206,11 @@ fn g0_is_dark_in_laser_mode() {
     let mut machine = reprap_with(&["32=1"]);
     machine.ask("M3 S500");
     machine.send_for(b"G1 X10 F600\n", 500);
-    assert!(machine.simulator.outputs().duty > 0);
+    assert!(machine.outputs().duty > 0);
     machine.run_to_rest();
     machine.send_for(b"G0 X50\n", 200);
-    assert_eq!(machine.simulator.outputs().duty, 0);
+    assert_eq!(machine.outputs().duty, 0);
     machine.run_to_rest();
     machine.send_for(b"G1 X0 S0 F600\n", 500);
-    assert_eq!(machine.simulator.outputs().duty, 0);
+    assert_eq!(machine.outputs().duty, 0);
 }

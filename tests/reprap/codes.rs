@@ -238,7 +238,7 @@ fn arcs_path_control_and_cycles_keep_their_words() {
         ("G1 G64 X1 P0.25 Q0", (250_000, 0)),
     ] {
         assert_eq!(machine.ask(line), ["ok"], "{line}");
-        let path = machine.simulator.session().interpreter().modal().path;
+        let path = machine.session().interpreter().modal().path;
         let expected = PathControl::Continuous {
             tolerance_nm: tolerances.0,
             merging_nm: tolerances.1,
@@ -257,7 +257,7 @@ fn arcs_path_control_and_cycles_keep_their_words() {
         ("G0 G40 Z2", 2),
     ] {
         assert_eq!(machine.ask(line), ["ok"], "{line}");
-        let steps = machine.simulator.physical_steps()[2];
+        let steps = machine.physical_steps()[2];
         assert_eq!(steps, z * STEPS_PER_MM, "{line}");
     }
     let before = xy_mm(&machine)[0];
@@ -375,7 +375,7 @@ fn back_to_the_pause_and_5_mm_above() {
     assert_eq!(xy_mm(&machine), [40, 15]);
     assert_eq!(machine.ask("G1 R1 Z5 F6000"), ["ok"]);
     assert_eq!(xy_mm(&machine), [10, 20]);
-    assert_eq!(machine.simulator.physical_steps()[2], 5 * STEPS_PER_MM);
+    assert_eq!(machine.physical_steps()[2], 5 * STEPS_PER_MM);
     // The modes are as before.
     assert_eq!(machine.ask("G1 X1"), ["ok"]);
     assert_eq!(xy_mm(&machine), [11, 20]);

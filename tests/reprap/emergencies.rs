@@ -221,7 +221,7 @@ fn a_full_queue_holds_up_no_emergency_and_no_realtime_byte() {
     machine.send_for(b"~", 20);
     assert_eq!(machine.state(), State::Run);
     machine.send_for(b"\x91", 20);
-    assert_eq!(machine.simulator.snapshot().overrides.feed, 110);
+    assert_eq!(machine.snapshot().overrides.feed, 110);
     machine.send_for(b"\x18", 1000);
     let lines = machine.lines();
     assert!(lines.contains(&"start".to_owned()), "{lines:?}");
@@ -279,7 +279,7 @@ fn realtime_bytes_take_no_room_from_lines() {
     for y in 1..70 {
         machine.send(format!("G1 Y{y}\n"));
     }
-    assert_eq!(machine.simulator.lost(), 0);
+    assert_eq!(machine.lost(), 0);
     machine.run_to_rest();
     assert_eq!(xy(&machine), [0, 69 * STEPS_PER_MM]);
     let lines = machine.lines();
@@ -334,7 +334,7 @@ fn a_line_without_an_end_leaves_room_for_emergencies() {
             lines.retain(|line| !line.starts_with('<'));
             // The line of `M108` itself began where lines are lost.
             assert_eq!(lines, [&["ok"], answer].concat(), "{start}");
-            assert_eq!(machine.simulator.lost(), 0);
+            assert_eq!(machine.lost(), 0);
             assert_eq!(xy(&machine), [0, 0]);
             assert_eq!(machine.ask("G1 X1 F6000"), ["ok"]);
         }

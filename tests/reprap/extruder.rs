@@ -20,7 +20,7 @@ fn watch(machine: &mut Machine, line: &str, mut each: impl FnMut([f64; 4])) {
     machine.send(line);
     machine.send(b"\n");
     let position = |machine: &Machine| {
-        let steps = machine.simulator.physical_steps();
+        let steps = machine.physical_steps();
         [steps[0], steps[1], steps[2], steps[3]].map(f64::from)
     };
     let mut before = position(machine);
@@ -61,7 +61,7 @@ fn e_is_linear_along_lines_arcs_and_helices() {
             let due = (from + share * by) * E_STEPS;
             assert!((e - due).abs() <= 1.2, "{line} {x} {y}: {e} of {due}");
         });
-        let end = f64::from(machine.simulator.physical_steps()[3]);
+        let end = f64::from(machine.physical_steps()[3]);
         assert_eq!(end, (from + by) * E_STEPS, "{line}");
     }
 }
@@ -69,15 +69,12 @@ fn e_is_linear_along_lines_arcs_and_helices() {
 #[test]
 fn retract_alone() {
     let mut machine = extruding(&["20=0"]);
-    let start = machine.simulator.now();
+    let start = machine.now();
     machine.ask("G1 E-5 F300");
-    let ticks = (machine.simulator.now() - start) as f64;
+    let ticks = (machine.now() - start) as f64;
     let seconds = ticks / f64::from(leadscrew::units::TICKS_PER_SECOND);
     assert!((1.0..1.1).contains(&seconds), "F is along E: {seconds}");
-    assert_eq!(
-        f64::from(machine.simulator.physical_steps()[3]),
-        -5.0 * E_STEPS
-    );
+    assert_eq!(f64::from(machine.physical_steps()[3]), -5.0 * E_STEPS);
     assert_eq!(xy(&machine), [0, 0]);
 }
 
@@ -92,7 +89,7 @@ fn relative_e_sums_exactly() {
     }
     let position = machine.ask("M114").remove(0);
     assert!(position.contains(" E:0.370 "), "{position}");
-    let steps = f64::from(machine.simulator.physical_steps()[3]);
+    let steps = f64::from(machine.physical_steps()[3]);
     assert_eq!(steps, (300.0 * 0.001_234 * E_STEPS).round());
     // G91 counts X and E; M82 counts E alone.
     machine.ask("G92 E0");
@@ -101,7 +98,7 @@ fn relative_e_sums_exactly() {
     machine.ask("G1 X1 E1");
     machine.ask("G1 X1 E1.5");
     assert_eq!(xy(&machine)[0], 2 * STEPS_PER_MM);
-    let more = f64::from(machine.simulator.physical_steps()[3]) - steps;
+    let more = f64::from(machine.physical_steps()[3]) - steps;
     assert!((more - 1.5 * E_STEPS).abs() <= 1.0, "{more}");
 }
 
@@ -112,16 +109,10 @@ fn e_has_no_travel_and_is_not_homed() {
     ]);
     assert_eq!(machine.ask("G28"), ["ok"]);
     assert_eq!(machine.ask("G1 X50 E50 F6000"), ["ok"]);
-    assert_eq!(
-        f64::from(machine.simulator.physical_steps()[3]),
-        50.0 * E_STEPS
-    );
+    assert_eq!(f64::from(machine.physical_steps()[3]), 50.0 * E_STEPS);
     assert_eq!(machine.ask("G92 E0"), ["ok"]);
     assert_eq!(machine.ask("M221 S50"), ["ok"]);
     assert_eq!(machine.ask("G1 E10"), ["ok"]);
-    assert_eq!(
-        f64::from(machine.simulator.physical_steps()[3]),
-        55.0 * E_STEPS
-    );
+    assert_eq!(f64::from(machine.physical_steps()[3]), 55.0 * E_STEPS);
     assert_eq!(machine.ask("G1 A3"), ["echo:A: no such axis", "ok"]);
 }

@@ -50,11 +50,7 @@ fn files_of_slicers_and_plotters_run_to_their_end() {
             // The ends of the travel are its zero, and the machine stood at the other ones.
             let travel: f64 = FRAME[axis].split('=').nth(1).unwrap().parse().unwrap();
             let steps = ((end - travel) * f64::from(STEPS_PER_MM)).round() as i32;
-            assert_eq!(
-                machine.simulator.physical_steps()[axis],
-                steps,
-                "{name}, {letter}"
-            );
+            assert_eq!(machine.physical_steps()[axis], steps, "{name}, {letter}");
         }
         // Each heater is told once.
         let heaters = ["M104", "M109", "M140", "M190"];

@@ -169,7 +169,7 @@ fn what_moves_or_switches_on_waits_for_g28() {
     }
     assert_eq!(machine.state(), State::Alarm);
     assert_eq!(xy(&machine), [0, 0]);
-    assert!(!machine.simulator.outputs().coolant.flood);
+    assert!(!machine.outputs().coolant.flood);
     // The modes of the lines before count behind it.
     assert_eq!(machine.ask("G91"), ["ok"]);
     assert_eq!(machine.ask("G20"), ["ok"]);

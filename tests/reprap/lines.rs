@@ -121,7 +121,7 @@ fn lines_that_wait_when_one_is_asked_for_again_are_dropped() {
         bytes.push(b'\n');
     }
     for byte in bytes {
-        machine.simulator.receive(byte);
+        machine.receive(byte);
     }
     let answers = machine.answers();
     let requests = answers.iter().filter(|line| line.starts_with("Resend"));
@@ -162,13 +162,13 @@ fn a_megabyte_without_a_line_end_is_one_line_that_is_refused() {
     for (dialect, refused) in [("780=1", reprap), ("780=2", &["error:11"])] {
         let mut machine = machine_with(&[dialect]);
         for _ in 0..1 << 20 {
-            machine.simulator.receive(b'X');
-            machine.simulator.settle();
+            machine.receive(b'X');
+            machine.settle();
         }
         assert!(machine.lines().is_empty());
         assert_eq!(machine.ask(""), refused, "{dialect}");
         assert_eq!(machine.ask("G1 X1 F6000"), ["ok"], "{dialect}");
-        assert_eq!(machine.simulator.lost(), 0, "{dialect}");
+        assert_eq!(machine.lost(), 0, "{dialect}");
         assert_eq!(xy(&machine), [STEPS_PER_MM, 0], "{dialect}");
     }
 }
@@ -331,7 +331,7 @@ fn a_line_that_has_lost_bytes_is_not_executed_where_its_checksum_is_right_all_th
         // Two equal bytes change nothing of an exclusive or.
         let (before, after) = line.split_once("00").unwrap();
         machine.send(before);
-        machine.simulator.receive_damaged();
+        machine.receive_damaged();
         machine.send(after);
         let answer = machine.ask("");
         assert!(

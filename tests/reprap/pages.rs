@@ -18,7 +18,7 @@ fn run(machine: &mut Machine, examples: &[Example]) {
         }
         assert_eq!(machine.ask(line), expected, "{line}");
         let steps = position.map(|mm| (mm * f64::from(STEPS_PER_MM)).round() as i32);
-        let at = machine.simulator.physical_steps();
+        let at = machine.physical_steps();
         assert_eq!([at[0], at[1], at[2]], steps, "{line}");
     }
 }

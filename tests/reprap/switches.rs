@@ -3,7 +3,7 @@
 use leadscrew::{
     axis::{X, Y},
     model::{Levels, State},
-    sim::{Closes, Switch},
+    sim::Closes,
 };
 
 use crate::{
@@ -17,12 +17,7 @@ const CLOSES_AT: i32 = 5 * STEPS_PER_MM;
 /// A machine with a limit switch at 5 mm of an axis.
 fn with_switch(axis: usize, more: &[&str]) -> Machine {
     let mut machine = reprap_with(more);
-    let is_mounted = machine.simulator.mount(Switch {
-        axis,
-        closes: Closes::From(CLOSES_AT),
-        input: Levels::limits(1 << axis),
-    });
-    assert!(is_mounted);
+    machine.mount(axis, Closes::From(CLOSES_AT), Levels::limits(1 << axis));
     machine
 }
 
@@ -88,7 +83,7 @@ fn hard_limits_guard_what_s1_does_not_move_and_what_follows() {
         (ALARM:1); M999 to go on";
     let mut machine = with_switch(X, &["21=1"]);
     machine.send_for(b"G1 S1 Y50 F3000\n", 200);
-    machine.simulator.set_pin(Levels::limits(1), true);
+    machine.set_pin(Levels::limits(1), true);
     assert_eq!(machine.answers(), [limit, "ok"]);
     assert_eq!(machine.state(), State::Alarm);
     for ending in [&b""[..], b"M410\n"] {

@@ -1,6 +1,9 @@
 //! The whole machine behind its serial line: what a sender and an operator do to it, what it sends, what it steps.
 
-use std::mem::take;
+use std::{
+    mem::take,
+    ops::{Deref, DerefMut},
+};
 
 use leadscrew::{
     axis::AXES,
@@ -40,9 +43,11 @@ pub(crate) fn on_every_axis(of_x: &[(usize, i32)]) -> Vec<String> {
 
 /// The virtual machine and its sender.
 pub(crate) struct Machine {
-    pub(crate) simulator: Box<Simulator>,
+    simulator: Box<Simulator>,
     /// What the sender has received and nobody has taken yet.
     pub(crate) received: String,
+    /// Lines that have been sent, by their ends.
+    pub(crate) sent_lines: usize,
     /// Every change of the step pins.
     pub(crate) edges: Vec<Edge>,
     /// Checks the machine after each of them.
@@ -51,6 +56,20 @@ pub(crate) struct Machine {
     byte_ticks: u64,
     /// Time from which the line to the sender is free.
     free_from: u64,
+}
+
+impl Deref for Machine {
+    type Target = Simulator;
+
+    fn deref(&self) -> &Simulator {
+        &self.simulator
+    }
+}
+
+impl DerefMut for Machine {
+    fn deref_mut(&mut self) -> &mut Simulator {
+        &mut self.simulator
+    }
 }
 
 impl Machine {
@@ -72,11 +91,17 @@ impl Machine {
         Self {
             simulator: Box::new(simulator),
             received: String::new(),
+            sent_lines: 0,
             edges: Vec::new(),
             check: |_| (),
             byte_ticks: 0,
             free_from: 0,
         }
+    }
+
+    /// The simulator as it is.
+    pub(crate) fn into_simulator(self) -> Simulator {
+        *self.simulator
     }
 
     /// Bytes take their time on the line, from now on.
@@ -86,7 +111,7 @@ impl Machine {
 
     /// Without power, and with it again: nothing has been read.
     pub(crate) fn cycle_power(self) -> Self {
-        let flash = self.simulator.into_flash();
+        let flash = self.into_simulator().into_flash();
         Self::of(Simulator::power_up(flash, StepRate::Unproven))
     }
 
@@ -165,6 +190,7 @@ impl Machine {
         for &byte in bytes.as_ref() {
             self.run_ticks(self.byte_ticks);
             self.simulator.receive(byte);
+            self.sent_lines += usize::from(byte == b'\n');
             self.collect();
         }
     }
@@ -245,6 +271,10 @@ impl Machine {
 
     pub(crate) fn state(&self) -> State {
         self.simulator.snapshot().state
+    }
+
+    pub(crate) fn is_at_rest(&self) -> bool {
+        self.simulator.snapshot().is_at_rest
     }
 
     /// Steps of X, Y and Z since power-up.
