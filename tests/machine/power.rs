@@ -166,9 +166,9 @@ fn without_its_crystal_a_machine_says_so_and_does_not_move() {
     };
     let fault = SelfTestFault::NoCrystal;
     let mut machine = Machine::of(Simulator::failing(&settings, fault));
-    let received = "ALARM:16\r\n[MSG:Crystal does not run: nothing moves]\r\n\r\n\
+    let expected = "ALARM:16\r\n[MSG:Crystal does not run: nothing moves]\r\n\r\n\
                 Grbl 1.1h ['$' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n";
-    assert_eq!(machine.exchange(""), received);
+    assert_eq!(machine.exchange(""), expected);
     for refused in ["$X\n", "$H\n", "$J=G91X1F100\n", "G0 X1\n", "M3 S100\n"] {
         let answer = machine.exchange(refused);
         assert!(
@@ -177,13 +177,13 @@ fn without_its_crystal_a_machine_says_so_and_does_not_move() {
         );
     }
     assert!(machine.exchange("$G\n").ends_with("ok\r\n"));
-    assert_eq!(machine.exchange("\x18"), received);
+    assert_eq!(machine.exchange("\x18"), expected);
     assert_eq!(machine.exchange("$X\n"), "error:9\r\n");
     assert_eq!(machine.physical_steps(), Axes::all(0));
 }
 
 #[test]
-fn what_the_self_test_has_found_is_received_with_the_frequency_of_a_wrong_crystal() {
+fn what_the_self_test_has_found_is_told_with_the_frequency_of_a_wrong_crystal() {
     let other = SelfTestFault::OtherCrystal {
         khz: 11_987,
         expected_khz: 8_000,
@@ -200,7 +200,7 @@ fn what_the_self_test_has_found_is_received_with_the_frequency_of_a_wrong_crysta
 }
 
 #[test]
-fn after_the_watchdog_or_a_fault_the_position_is_lost_and_the_cause_received() {
+fn after_the_watchdog_or_a_fault_the_position_is_lost_and_the_cause_told() {
     for cause in ResetCause::ALL {
         for homing in [false, true] {
             let settings = Settings {

@@ -10,7 +10,7 @@ use leadscrew::{
 };
 
 /// The drive on a clock of its own; `prepare` runs only when it is told to.
-struct Machine {
+struct ManualDrive {
     drive: Drive,
     router: Router,
     requests: Requests,
@@ -20,7 +20,7 @@ struct Machine {
     steps: Axes<i32>,
 }
 
-impl Machine {
+impl ManualDrive {
     fn new(settings: &Settings) -> Self {
         Self {
             drive: Drive::new(settings),
@@ -80,9 +80,9 @@ impl Machine {
     }
 }
 
-/// Starves the step interrupt after some events, then looks that nothing but a reset helps.
+/// Starves the step interrupt after some events, then checks that nothing but a reset helps.
 fn starve(settings: &Settings, events: usize) {
-    let mut machine = Machine::new(settings);
+    let mut machine = ManualDrive::new(settings);
     for x in [20.0, -20.0, 30.0, 10.0, 5.0] {
         machine.go(&[x, x * 0.7, -x * 0.3]);
     }
@@ -136,7 +136,7 @@ fn nothing_is_executed_after_events_ran_out_until_a_reset() {
 
 #[test]
 fn a_starved_dwell_ends_and_locks() {
-    let mut machine = Machine::new(&Settings::default());
+    let mut machine = ManualDrive::new(&Settings::default());
     machine.send(Work::Dwell(1000));
     machine.prepare();
     while machine.step() {}
@@ -148,7 +148,7 @@ fn a_starved_dwell_ends_and_locks() {
 fn no_clock_that_wraps_is_noticed() {
     let settings = with(&[80.0, 100.0, 400.0], &[5000.0], &[500.0]);
     // The clock of 84 MHz wraps after 51.13 s: moves begin, run and end around three of them.
-    let mut machine = Machine::new(&settings);
+    let mut machine = ManualDrive::new(&settings);
     let wrap = u64::from(u32::MAX) + 1;
     let mut wraps = 0;
     let mut side = 1.0;
@@ -175,7 +175,7 @@ fn no_clock_that_wraps_is_noticed() {
 fn an_hour_of_standstill_and_moves_keeps_its_steps() {
     // Slow axes, so that an hour has few steps; the clock wraps 70 times.
     let settings = with(&[1.0, 0.5, 2.0], &[300.0, 200.0, 90.0], &[20.0]);
-    let mut machine = Machine::new(&settings);
+    let mut machine = ManualDrive::new(&settings);
     let hour = 3600 * TICKS_PER_S as u64;
     let mut side = 3.0;
     while machine.now < hour {
@@ -196,7 +196,7 @@ fn the_densest_motion_is_prepared_in_time_from_one_segment_to_the_next() {
             step_rate: StepRate::Proven(500_000),
             ..with(&[1000.0, 970.0, 1010.0], &[1.0e6], &[acceleration])
         };
-        let mut machine = Machine::new(&settings);
+        let mut machine = ManualDrive::new(&settings);
         for k in 1..40 {
             let far = f64::from(k * 17 % 40);
             machine.go(&[far, far * 0.97 - 1.0, 3.0 - far * 0.9]);
@@ -216,7 +216,7 @@ fn all_axes_at_once_make_no_more_steps_than_are_proven() {
         step_pulse_us: 3,
         ..with(&[1000.0], &[1.0e6], &[20_000.0])
     };
-    let mut machine = Machine::new(&settings);
+    let mut machine = ManualDrive::new(&settings);
     machine.go(&[200.0; 6]);
     machine.play();
     let seconds = machine.now as f64 / TICKS_PER_S;
