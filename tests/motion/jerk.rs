@@ -1,9 +1,9 @@
 //! Motion with limits of jerk, as the step pins show it.
 
-use crate::moves::{acts, lines};
+use crate::moves::{acts, check_disturbed, lines};
 use crate::support::{
-    self, Rig, Trace, Trapezoid, at, cases, check_limits, check_path, interval_error_rms, line,
-    line_at, number, slack, target, target_steps, with,
+    self, Rig, Trace, Trapezoid, at, cases, check_limits, interval_error_rms, line, line_at,
+    number, target, target_steps, with,
 };
 use leadscrew::{axis::Axes, model::FeedRate, settings::Settings, units::TICKS_PER_MS};
 use proptest::prelude::*;
@@ -207,16 +207,10 @@ proptest! {
         acts in acts(&[0x90, 0x91, 0x92, 0x91, 0x92, 0x95, 0x96, 0x97, b'!', b'~', b'~', DOOR, RESET], 16),
         feed_ticks in prop::sample::select(vec![0, 100_000, 3_000_000_u64]),
     ) {
-        let commands = number(&commands);
-        let mut rig = Rig::new(&settings);
-        rig.feed_ticks = feed_ticks;
-        rig.run(&commands, &acts);
-        rig.trace.check_pulses();
-        check_limits(&settings, &rig.trace);
-        if rig.trace.resets.is_empty() {
-            check_path(&settings, &commands, &rig.trace, slack(&settings, &commands));
+        let trace = check_disturbed(&settings, &commands, &acts, feed_ticks);
+        if trace.resets.is_empty() {
             let end = commands.last().and_then(target).unwrap();
-            prop_assert_eq!(rig.trace.net_steps(), target_steps(&settings, &end));
+            prop_assert_eq!(trace.net_steps(), target_steps(&settings, &end));
         }
     }
 }

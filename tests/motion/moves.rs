@@ -250,6 +250,25 @@ pub(crate) fn acts(bytes: &'static [u8], most: usize) -> impl Strategy<Value = V
     })
 }
 
+/// Checks what commands and realtime bytes make of the pins, and of the path where no reset has left it.
+pub(crate) fn check_disturbed(
+    settings: &Settings,
+    commands: &[Command],
+    acts: &[Act],
+    feed_ticks: u64,
+) -> Trace {
+    let commands = number(commands);
+    let mut rig = Rig::new(settings);
+    rig.feed_ticks = feed_ticks;
+    rig.run(&commands, acts);
+    rig.trace.check_pulses();
+    check_limits(settings, &rig.trace);
+    if rig.trace.resets.is_empty() {
+        check_path(settings, &commands, &rig.trace, slack(settings, &commands));
+    }
+    rig.trace
+}
+
 proptest! {
     #![proptest_config(cases(12))]
 
@@ -267,15 +286,7 @@ proptest! {
         acts in acts(b"!!~~~\x18", 8),
         feed_ticks in prop::sample::select(vec![0, 100_000, 3_000_000_u64]),
     ) {
-        let commands = number(&commands);
-        let mut rig = Rig::new(&settings);
-        rig.feed_ticks = feed_ticks;
-        rig.run(&commands, &acts);
-        rig.trace.check_pulses();
-        check_limits(&settings, &rig.trace);
-        if rig.trace.resets.is_empty() {
-            check_path(&settings, &commands, &rig.trace, slack(&settings, &commands));
-        }
+        check_disturbed(&settings, &commands, &acts, feed_ticks);
     }
 }
 

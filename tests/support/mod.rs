@@ -2,36 +2,23 @@
 //! that a trace must keep.
 #![allow(dead_code, unused_imports, reason = "each test uses a part of it")]
 
-#[cfg(not(target_os = "none"))]
 mod cases;
-#[cfg(not(target_os = "none"))]
 mod cell;
-#[cfg(not(target_os = "none"))]
 mod limits;
-#[cfg(not(target_os = "none"))]
 mod machine;
-#[cfg(not(target_os = "none"))]
 mod path;
-#[cfg(not(target_os = "none"))]
 mod profile;
-#[cfg(not(target_os = "none"))]
 mod pulses;
-#[cfg(not(target_os = "none"))]
 mod recording;
-#[cfg(not(target_os = "none"))]
 mod report;
-#[cfg(not(target_os = "none"))]
 mod rig;
-#[cfg(not(target_os = "none"))]
 mod trace;
 
-#[cfg(not(target_os = "none"))]
 pub(crate) use {
     cases::*, cell::*, host::*, limits::*, machine::*, path::*, profile::*, pulses::*,
     recording::*, report::*, rig::*, trace::*,
 };
 
-#[cfg(not(target_os = "none"))]
 mod host {
     use leadscrew::{
         axis::Axes,
