@@ -122,7 +122,6 @@ fn starve(settings: &Settings, events: usize) {
 #[test]
 fn nothing_is_executed_after_events_ran_out_until_a_reset() {
     let slow = with(&[80.0, 100.0, 400.0], &[5000.0], &[500.0]);
-    // Here the queue of events is full before 4 ms are: events run out in the middle of a segment.
     let quick = Settings {
         step_pulse_us: 3,
         ..with(&[2000.0], &[3600.0], &[100_000.0])
@@ -223,4 +222,27 @@ fn all_axes_at_once_make_no_more_steps_than_are_proven() {
     let steps: i32 = machine.steps.iter().sum();
     let rate = f64::from(steps) / seconds;
     assert!((149_000.0..150_000.0).contains(&rate), "{rate} steps/s");
+}
+
+#[test]
+fn a_homing_cycle_whose_events_ran_out_ends() {
+    let settings = Settings {
+        homing: true,
+        ..with(&[80.0], &[5000.0], &[500.0])
+    };
+    let mut machine = Machine::new(&settings);
+    machine.send(Work::Home(0));
+    machine.prepare();
+    for _ in 0..100 {
+        assert!(machine.step());
+        machine.prepare();
+    }
+    while machine.step() {}
+    let stopped = machine.steps;
+    machine.play();
+    assert!(machine.drive.snapshot().has_underrun);
+    machine.reset();
+    machine.play();
+    assert_eq!(machine.drive.snapshot().state, State::Alarm);
+    assert_eq!(machine.steps, stopped, "nothing is searched any more");
 }
