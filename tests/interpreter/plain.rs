@@ -11,7 +11,7 @@ use leadscrew::{
 };
 use proptest::prelude::*;
 
-use crate::support::{after, send};
+use crate::support::{after, send, um};
 
 /// Does a line in one go, if it is plain; else returns the plain words that it begins with.
 fn plain(
@@ -287,4 +287,14 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn an_increment_from_where_the_machine_was_stopped_is_rounded_as_from_there() {
+    let mut machine = after(&["G91", "G1X7.7Y0.3F100"]);
+    let stopped = um(1234, -567, 8);
+    machine.set_position(stopped);
+    let outcome = send(&mut machine, "X0.002Y0.002Z0.002").unwrap();
+    let sums = stopped.map(|nm| (nm.to_mm() + 0.002).to_bits());
+    assert_eq!(single_mm(&outcome)[..3], sums.0[..3]);
 }

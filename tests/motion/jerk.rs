@@ -214,3 +214,25 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_line_in_parts_before_a_slower_one_takes_no_longer_than_in_one() {
+    let settings = machine(10_000.0);
+    let seconds = |ends: &[f64]| {
+        let ways = ends.iter().map(|end| line(&[*end], 4000.0));
+        let mut moves: Vec<_> = ways.collect();
+        moves.push(line(&[9.0], 1200.0));
+        let trace = Rig::play(&settings, &number(&moves));
+        check_limits(&settings, &trace);
+        trace.whole_seconds()
+    };
+    let whole = seconds(&[7.0]);
+    // A part is shorter than the way on which the machine slows down.
+    for parts in [&[5.0, 7.0][..], &[6.0, 7.0], &[5.0, 6.0, 7.0]] {
+        let in_parts = seconds(parts);
+        assert!(
+            in_parts <= whole + 0.001,
+            "{parts:?}: {in_parts} s of {whole} s"
+        );
+    }
+}

@@ -3,11 +3,11 @@
 use crate::support::{self, Rig, arc, cases, check_limits, line, line_at, number, with};
 use leadscrew::{
     axis::Axes,
-    model::{Command, FeedRate, Plane, Rotation},
+    model::{Command, FeedRate, Override, Plane, Rotation},
     motion::{BLOCKS, LookAhead},
     path::{Block, Router, Work},
     settings::Settings,
-    units::Nm,
+    units::{Nm, TICKS_PER_MS},
 };
 use proptest::prelude::*;
 
@@ -340,5 +340,31 @@ proptest! {
                 "{speed} instead of {exact}"
             );
         }
+    }
+}
+
+#[test]
+fn an_override_that_comes_with_a_segment_due_brakes_within_the_limits() {
+    let settings = with(&[80.0], &[6000.0], &[500.0]);
+    let ways = (1..=120).map(|k| line(&[0.4 * f64::from(k)], 6000.0));
+    let commands = number(&ways.collect::<Vec<_>>());
+    for edges in (1..60).step_by(3) {
+        let mut rig = Rig::new(&settings);
+        for command in &commands {
+            let work = rig.router.route(command).expect("it moves");
+            assert!(rig.enqueue(work));
+            rig.prepare();
+        }
+        rig.run_to(250 * u64::from(TICKS_PER_MS));
+        // Segments are made between the override and the pass that follows from it.
+        for _ in 0..edges {
+            let edge = rig.drive.step().expect("it moves");
+            rig.now = edge.ticks;
+            rig.trace.push(edge, 0);
+        }
+        rig.receive(Override::FeedLess as u8);
+        rig.run_to_rest();
+        check_limits(&settings, &rig.trace);
+        assert_eq!(rig.trace.net_steps(), rig.snapshot().steps);
     }
 }
