@@ -79,6 +79,10 @@ fn checks() -> Result<Vec<Check>> {
             wait(&mut cargo(&["fmt", "--all", "--check"]))
         }),
         by(tools::DOCS, "documents", &["--check"]),
+        // Of a machine with three axes.
+        Check::new("answers of Grbl", || {
+            check::by(tools::CONFORMANCE, [""; 0], 3)
+        }),
         plain("lints, host", || {
             cargo::need_component("clippy", "clippy")?;
             wait(cargo(&["clippy", "--workspace", "--all-targets"]).args(["--", "-Dwarnings"]))

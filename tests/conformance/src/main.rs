@@ -1,5 +1,6 @@
 //! `cargo xtask conformance`: what Grbl was recorded to do, against the virtual machine.
 
+mod answers;
 mod check;
 mod compare;
 mod deviation;
@@ -60,18 +61,23 @@ fn main() -> ExitCode {
 }
 
 fn run(options: &Options) -> Result<ExitCode> {
-    let Some(dir) = options.dir.as_deref() else {
+    if options.document {
         print!("{}", document()?);
         return Ok(ExitCode::SUCCESS);
+    }
+    let dir = options.dir.as_deref();
+    let recordings = match dir {
+        Some(dir) => load(dir, &options.category)?,
+        None => exchanges(answers::load(&options.category)?),
     };
-    let recordings = load(dir, &options.category)?;
+    let place = dir.unwrap_or(Path::new("tests/conformance"));
     ensure!(
         !recordings.is_empty(),
-        "there is nothing to compare in {}: it should hold golden/CATEGORY/NAME.grbl.json, \
-         golden/CATEGORY/NAME.check.csv or suites/grbl_….json",
-        dir.display()
+        "there is nothing to compare in {}: a folder of recordings holds \
+         golden/CATEGORY/NAME.grbl.json, golden/CATEGORY/NAME.check.csv or suites/grbl_….json",
+        place.display()
     );
-    let outcomes = replay_all(dir, &recordings)?;
+    let outcomes = replay_all(place, &recordings)?;
     print::all(&outcomes, options.all);
     if let Some(path) = &options.json {
         write_json(path, &outcomes)?;
@@ -90,9 +96,13 @@ fn load(dir: &Path, categories: &[String]) -> Result<Vec<Recording>> {
             recordings.extend(check::load(dir)?.into_iter().map(Recording::Check));
         }
     }
-    let exchanges = exchange::load(dir, categories)?.into_iter();
-    recordings.extend(exchanges.map(|exchange| Recording::Exchange(Box::new(exchange))));
+    recordings.extend(exchanges(exchange::load(dir, categories)?));
     Ok(recordings)
+}
+
+fn exchanges(exchanges: Vec<Exchange>) -> Vec<Recording> {
+    let exchanges = exchanges.into_iter().map(Box::new);
+    exchanges.map(Recording::Exchange).collect()
 }
 
 /// What is compared, and every deviation with its rule, as a document.
@@ -110,14 +120,17 @@ const HEAD: &str = "\
 # Compared with Grbl
 
 ```sh
+cargo xtask conformance                              # what is in the repository
 cargo xtask conformance DIR                          # everything that is in the folder
 cargo xtask conformance DIR --category transcripts   # one part; repeatable
 cargo xtask conformance DIR --all --json out.json    # every difference, also those by design
 ```
 
-`DIR` holds recordings of Grbl 1.1h; they are not part of this repository, and no other test needs
-them. Everything is replayed on the virtual machine, which is the firmware's own code, over its serial
-line at 115 200 baud and on a virtual clock. The exit status is 1 when a difference has no name.
+`tests/conformance/` has short programs and what Grbl 1.1h answers to each line, by topic:
+`xtask/conformance/src/answers.rs` describes their form. `cargo xtask test` replays them. `DIR` holds
+recordings of whole programs and sessions; they are not part of this repository, and no test needs them.
+Everything is replayed on the virtual machine, which is the firmware's own code, over its serial line at
+115 200 baud and on a virtual clock. The exit status is 1 when a difference has no name.
 
 | files in `DIR` | category | compared |
 |---|---|---|
@@ -172,7 +185,7 @@ fn replay(dir: &Path, recording: &Recording) -> Result<Outcome> {
                 .replay()
                 .with_context(|| format!("exchange {}", exchange.name))?;
             Ok(Outcome::of(
-                exchange.category,
+                &exchange.category,
                 &exchange.name,
                 1,
                 differences,

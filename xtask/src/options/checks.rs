@@ -42,6 +42,7 @@ pub struct Fuzz {
 
 /// Replay what Grbl was recorded to do, and compare
 ///
+/// Without DIR, short programs of tests/conformance/ are replayed, with what Grbl answers to each line.
 /// DIR holds recordings: programs that were executed (golden/CATEGORY/NAME.grbl.json), programs in
 /// check mode line by line (golden/CATEGORY/NAME.check.csv), single lines
 /// (suites/) and sessions with times (suites/). Answers,
@@ -49,10 +50,10 @@ pub struct Fuzz {
 /// named and counted; any other difference is printed and makes the exit status 1.
 #[derive(Debug, clap::Args)]
 pub struct Conformance {
-    /// The recorded data
-    #[arg(required_unless_present = "document")]
+    /// The recorded data; without it, the answers of Grbl in tests/conformance/
     pub dir: Option<InputPath>,
-    /// Only this category: a folder of golden/, 'check', `error_cases` or 'transcripts'; repeatable
+    /// Only this category: a folder of golden/, 'check', `error_cases` or 'transcripts', or a file of
+    /// tests/conformance/; repeatable
     #[arg(long, value_name = "NAME")]
     pub category: Vec<String>,
     /// Write every comparison as JSON
