@@ -176,32 +176,30 @@ fn what_a_line_switches_is_shown_once_it_is_switched() {
 fn coolant_is_shown_after_each_command_to_it_and_when_it_is_restored() {
     const OFF: &str = "Ov:100,100,100";
     const FLOOD: &str = "Ov:100,100,100|A:F";
-    let mut machine = Machine::new(&[]);
+    let mut machine = on_line(&[]);
     for _ in 0..2 {
-        let _ = machine.extra_after(b"");
+        let _ = extra_after(&mut machine, b"");
     }
-    assert_eq!(machine.extra_after(b"M8\n"), FLOOD);
-    assert_eq!(machine.extra_after(b""), "");
-    assert_eq!(machine.extra_after(b"\x84"), OFF);
-    assert_eq!(machine.extra_after(b""), "");
-    assert_eq!(machine.extra_after(b"~"), FLOOD);
+    assert_eq!(extra_after(&mut machine, b"M8\n"), FLOOD);
+    assert_eq!(extra_after(&mut machine, b""), "");
+    assert_eq!(extra_after(&mut machine, b"\x84"), OFF);
+    assert_eq!(extra_after(&mut machine, b""), "");
+    assert_eq!(extra_after(&mut machine, b"~"), FLOOD);
     machine.run(6000);
-    assert_eq!(machine.extra_after(b"M9\n"), OFF);
-    assert_eq!(machine.extra_after(b""), "");
-    assert_eq!(machine.extra_after(b"\x84"), OFF);
+    assert_eq!(extra_after(&mut machine, b"M9\n"), OFF);
+    assert_eq!(extra_after(&mut machine, b""), "");
+    assert_eq!(extra_after(&mut machine, b"\x84"), OFF);
     // Nothing is restored.
     for bytes in [&b"~"[..], b""] {
-        let found = machine.extra_after(bytes);
+        let found = extra_after(&mut machine, bytes);
         assert!(!found.contains("Ov"), "{found}");
     }
 }
 
 #[test]
 fn coolant_that_a_key_has_switched_is_in_effect_for_the_next_line() {
-    let mut machine = Machine::new(&[]);
-    machine.send(b"\xa0$G\n");
-    machine.run(20);
-    let said: Vec<u8> = machine.received.iter().map(|(_, byte)| *byte).collect();
-    let said = String::from_utf8(said).expect("ASCII");
-    assert!(said.contains(" M8 "), "{said}");
+    let mut machine = on_line(&[]);
+    machine.send_for(b"\xa0$G\n", 20);
+    let received = machine.take_received();
+    assert!(received.contains(" M8 "), "{received}");
 }

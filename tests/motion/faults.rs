@@ -230,7 +230,7 @@ fn a_homing_cycle_whose_events_ran_out_ends() {
         homing: true,
         ..with(&[80.0], &[5000.0], &[500.0])
     };
-    let mut machine = Machine::new(&settings);
+    let mut machine = ManualDrive::new(&settings);
     machine.send(Work::Home(0));
     machine.prepare();
     for _ in 0..100 {

@@ -4,7 +4,10 @@
 //! power-up; behind two spaces it follows the one before. `0x18` is a byte that is no part of a line.
 //! `@ $22=1` is what is stored at power-up from there on, `# ` begins a remark.
 
-use std::{fs, path::Path};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context, Result, ensure};
 use common::cargo;
@@ -22,7 +25,9 @@ const LOCKED: &str = "[MSG:'$H'|'$X' to unlock]";
 /// A file cannot be read, or a line of it has another form.
 pub(super) fn load(topics: &[String]) -> Result<Vec<Exchange>> {
     let mut exchanges = Vec::new();
-    for path in sorted(&cargo::root().join("tests/conformance"))? {
+    let paths = sorted(&cargo::root().join("tests/conformance"))?;
+    let is_text = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "txt");
+    for path in paths.into_iter().filter(is_text) {
         let topic = path.file_stem().unwrap_or_default().to_string_lossy();
         if topics.is_empty() || topics.iter().any(|name| *name == topic) {
             exchanges.extend(read_file(&topic, &path)?);
