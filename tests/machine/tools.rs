@@ -295,7 +295,7 @@ fn stream(text: &str) -> Vec<(String, String)> {
 fn an_old_drilling_program_runs_up_to_the_axis_words_after_g80() {
     let expected = [("X-7 Y-4".to_owned(), "error:31".to_owned())];
     assert_eq!(stream(include_str!("programs/cover.nc")), expected);
-    let folder = env!("CARGO_MANIFEST_DIR");
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
     match std::fs::read_to_string(format!("{folder}/../shared/samples/drill.nc")) {
         Ok(text) => assert_eq!(stream(&text), expected),
         Err(_) => println!("skipped: there is no ../shared/samples/drill.nc"),

@@ -142,7 +142,7 @@ fn a_startup_line_puts_the_length_of_the_tool_in_the_spindle_back() {
 
 #[test]
 fn the_examples_of_the_document_do_what_it_says() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/tool-lengths.md");
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("docs/tool-lengths.md");
     let document = fs::read_to_string(path).unwrap();
     let mut bench = Bench::new();
     let mut heights = Vec::new();
