@@ -1,6 +1,6 @@
 //! Step events that run out in motion, and clocks that wrap.
 
-use crate::support::{RESET, TICKS_PER_S, add_steps, line, receive, with};
+use crate::support::{RESET, TICKS_PER_S, add_steps, each, line, receive, with};
 use leadscrew::{
     axis::Axes,
     model::{Requests, State},
@@ -196,7 +196,7 @@ fn the_densest_motion_is_prepared_in_time_from_one_segment_to_the_next() {
             ..with(&[1000.0, 970.0, 1010.0], &[1.0e6], &[acceleration])
         };
         let mut machine = ManualDrive::new(&settings);
-        for k in 1..40 {
+        for k in (1..40).step_by(each(5)) {
             let far = f64::from(k * 17 % 40);
             machine.go(&[far, far * 0.97 - 1.0, 3.0 - far * 0.9]);
             machine.play();

@@ -5,7 +5,7 @@ use leadscrew::model::State;
 use super::{
     bench::answers,
     machine::{assert_true, execute, limited},
-    support::Machine,
+    support::{Machine, each},
 };
 
 /// Changes of the machine from one stage to the next.
@@ -52,7 +52,7 @@ impl Disturbed<'_> {
     /// Disturbs the machine at each stage.
     pub(crate) fn at_each_stage(&self, mut disturb: impl FnMut(Machine, usize)) {
         let [least, most] = self.stages;
-        for stage in 0..most {
+        for stage in (0..most).step_by(each(5)) {
             let mut machine = self.sent();
             if !(0..stage * CHANGES).all(|_| machine.advance()) {
                 assert!(stage > least, "{:?} end at stage {stage}", self.lines);

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 
 use crate::{
     machine::{STEPS_PER_MM, machine_with, numbered, reprap, xy},
-    support::{Machine, cases},
+    support::{Machine, cases, rounds},
 };
 
 /// Knuth's MMIX.
@@ -121,7 +121,7 @@ fn send_as_printrun(
 fn of_many_damaged_lines_none_is_executed_and_every_one_is_answered_once() {
     let mut random = Random(19);
     let mut damaged = 0;
-    while damaged < 100_000 {
+    while damaged < rounds(100_000) as usize {
         let mut machine = reprap();
         let mut lines = vec!["M83".to_owned(), "G91".to_owned(), "G1 F6000".to_owned()];
         let mut sum = [0; 2];

@@ -115,8 +115,10 @@ impl Piece {
 
     /// Position after a share of the distance, steps.
     pub(crate) fn at(&self, share: f64) -> Point {
-        let mut point: Point =
-            std::array::from_fn(|n| self.begin[n] + (self.end[n] - self.begin[n]) * share);
+        let mut point = self.begin;
+        for (point, end) in point.iter_mut().zip(&self.end) {
+            *point += (end - *point) * share;
+        }
         if let Some(turn) = &self.curve {
             let radius = turn.radius[0] + (turn.radius[1] - turn.radius[0]) * share;
             let (sine, cosine) = (turn.angle + turn.sweep * share).sin_cos();
@@ -272,15 +274,15 @@ pub(crate) fn follow(
         let mut tries = 0.0;
         loop {
             let here = pieces[piece].at(share);
-            let off: Point = std::array::from_fn(|n| (here[n] - f64::from(position[n])).abs());
-            if (0..AXES).all(|n| off[n] <= limit[n]) {
-                worst = off.into_iter().fold(worst, f64::max);
+            let off = |n: usize| (here[n] - f64::from(position[n])).abs();
+            if (0..AXES).all(|n| off(n) <= limit[n]) {
+                worst = (0..AXES).map(off).fold(worst, f64::max);
                 break;
             }
             tries += GRAIN;
             assert!(
                 tries < 60.0 + 4.0 * pieces[piece].length.sqrt(),
-                "{position:?} is {off:?} off the path, at {share} of move {piece}, {edge:?}"
+                "{position:?} is off the path, {here:?} at {share} of move {piece}, {edge:?}"
             );
             let next = GRAIN / pieces[piece].length.max(GRAIN);
             if share >= 1.0 && piece + 1 < pieces.len() {
