@@ -95,7 +95,7 @@ fn over_serial() -> Result<ExitCode> {
     let (board, _) = firmware::boards::emulated()?;
     let elf = firmware::firmware(&board)?;
     let step_rate = firmware::image::read(&elf)?;
-    let mut command = cargo::cargo(&["test", "--test", "firmware"]);
+    let mut command = cargo::cargo(&["test", "--package", "tests", "--test", "firmware"]);
     command.env("FIRMWARE_STEP_RATE", step_rate.to_string());
     command.env("SLOW_FIRMWARE_ELF", firmware::as_if_proven(&elf, 20_000)?);
     command.env("UNPROVEN_FIRMWARE_ELF", firmware::as_if_proven(&elf, 0)?);

@@ -102,11 +102,14 @@ pub struct Test {
     /// Everything: also lints, other numbers of axes, other boards, tests on the emulated processor
     #[arg(long)]
     pub all: bool,
+    /// What is not tested without --all
+    #[arg(long, conflicts_with = "all")]
+    pub rest: bool,
     /// List the checks and do nothing
     #[arg(long)]
     pub list: bool,
     /// Instead, drive sender programs at the simulator and at the firmware: gets them with pip and npm, and skips what
     /// cannot be had
-    #[arg(long, conflicts_with = "all")]
+    #[arg(long, conflicts_with_all = ["all", "rest"])]
     pub clients: bool,
 }
