@@ -127,7 +127,7 @@ cargo xtask conformance DIR --all --json out.json    # every difference, also th
 ```
 
 `tests/conformance/` has short programs and what Grbl 1.1h answers to each line, by topic:
-`xtask/conformance/src/answers.rs` describes their form. `cargo xtask test` replays them. `DIR` holds
+`tests/conformance/src/answers.rs` describes their form. `cargo xtask test` replays them. `DIR` holds
 recordings of whole programs and sessions; they are not part of this repository, and no test needs them.
 Everything is replayed on the virtual machine, which is the firmware's own code, over its serial line at
 115 200 baud and on a virtual clock. The exit status is 1 when a difference has no name.
