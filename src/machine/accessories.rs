@@ -236,7 +236,6 @@ impl Accessories {
     /// Stops the spindle at rest in a hold, if the stop is requested.
     pub fn stop_in_hold(&mut self) {
         if self.stop == SpindleStop::Requested {
-            self.is_changed = true;
             self.stop = if self.spindle == Spindle::Off {
                 SpindleStop::None
             } else {
@@ -294,7 +293,6 @@ impl Accessories {
     /// Switches everything off, not to be restored.
     pub fn switch_off(&mut self) {
         self.spindle = Spindle::Off;
-        self.rpm = 0.0;
         self.coolant = Coolant::OFF;
         self.stop = SpindleStop::None;
         self.is_spindle_suspended = false;

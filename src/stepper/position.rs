@@ -412,6 +412,24 @@ mod tests {
         }
     }
 
+    #[test]
+    fn steps_that_never_got_events_are_taken_back_after_a_fault() {
+        let mut ring = EventRing::new();
+        let segments = SegmentRing::new();
+        let mut generator = Generator::new();
+        let mut player = Player::new();
+        let dense = (vec![120, -119, 118], 80_000);
+        while generator.fill_up(&mut ring, &segments) {
+            generator.begin(&segment(&generator, &dense), &segments);
+        }
+        assert!(generator.is_open(), "the events have no room");
+        player.follow(&mut ring, &segments);
+        while player.play(&mut ring, &segments) {}
+        assert_ne!(generator.steps(), player.steps);
+        generator.discard_open_segment();
+        assert_eq!(generator.steps(), player.steps);
+    }
+
     impl Generator {
         /// Fills the ring. Returns whether a segment can begin.
         fn fill_up(&mut self, ring: &mut EventRing, segments: &SegmentRing) -> bool {

@@ -4,6 +4,7 @@
 
 const { spawn } = require('child_process');
 const net = require('net');
+const path = require('path');
 const readline = require('readline');
 
 const { check, until } = require('./cncjs');
@@ -15,7 +16,8 @@ const FAST = `\x90${'\x91'.repeat(10)}`;
 
 /** Starts the monitor or the simulator, and waits until it tells an address. */
 async function start(program, options) {
-  const child = spawn(program, options, { stdio: ['ignore', 'ignore', 'pipe'] });
+  // A program has the name of its command.
+  const child = spawn(program, [path.basename(program), ...options], { stdio: ['ignore', 'ignore', 'pipe'] });
   process.on('exit', () => child.kill());
   const said = [];
   readline.createInterface({ input: child.stderr }).on('line', (line) => said.push(line));

@@ -56,7 +56,7 @@ class Sending:
     """A run of the program."""
 
     def __init__(self, cable, *arguments):
-        command = [SEND, *arguments, "--port", cable.name, "--timeout", "180"]
+        command = [SEND, "send", *arguments, "--port", cable.name, "--timeout", "180"]
         self.process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )

@@ -120,22 +120,22 @@ fn restart(task: &str, fault: Fault) -> Option<(Machine, Vec<String>)> {
     drop(stopped);
     assert_eq!(machine.memory.faults(), 1);
     machine.memory.close(Levels::NONE);
-    let mut told = vec![machine.receive()];
-    while told.last().is_none_or(|line| !line.contains("to unlock")) {
-        told.push(machine.receive());
+    let mut lines = vec![machine.receive()];
+    while lines.last().is_none_or(|line| !line.contains("to unlock")) {
+        lines.push(machine.receive());
     }
-    Some((machine, told))
+    Some((machine, lines))
 }
 
 /// Checks a machine that has been restarted.
-fn check(mut machine: Machine, told: &[String], cause: &str) {
+fn check(mut machine: Machine, lines: &[String], cause: &str) {
     let end = [
         "ALARM:200".to_owned(),
         format!("[MSG:Restarted: {cause}]"),
         "Grbl 1.1h ['$' for help]".to_owned(),
         "[MSG:'$H'|'$X' to unlock]".to_owned(),
     ];
-    assert!(told.ends_with(&end), "{told:?}");
+    assert!(lines.ends_with(&end), "{lines:?}");
     let switched = machine.memory.switched();
     assert_eq!((switched.bits, switched.highest_duty), (0, 0));
     assert_eq!(machine.ask("G0 X1"), ["error:9"]);
@@ -150,8 +150,8 @@ fn a_task_that_hangs_is_ended_by_the_watchdog() {
     thread::scope(|scope| {
         for task in TASKS {
             scope.spawn(move || {
-                if let Some((machine, told)) = restart(task, Fault::Hang) {
-                    check(machine, &told, "watchdog");
+                if let Some((machine, lines)) = restart(task, Fault::Hang) {
+                    check(machine, &lines, "watchdog");
                 }
             });
         }
@@ -166,20 +166,23 @@ fn a_fault_is_told_before_and_after_the_reset() {
         ("I2C2_EV", Fault::Panic, "panic", " at test:7"),
         ("TIM1_BRK_TIM9", SUPPLY_FALLS, "supply too low", ""),
     ] {
-        let Some((machine, told)) = restart(task, fault) else {
+        let Some((machine, lines)) = restart(task, fault) else {
             return;
         };
         let fault = format!("[MSG:Fault: {cause}{place}]");
-        assert!(told.contains(&fault), "{told:?}");
-        check(machine, &told, cause);
+        assert!(lines.contains(&fault), "{lines:?}");
+        check(machine, &lines, cause);
     }
 }
 
 #[test]
 fn a_crystal_that_stops_is_told_after_the_reset() {
-    if let Some((machine, told)) = restart("SysTick", CRYSTAL_STOPS) {
+    if let Some((machine, lines)) = restart("SysTick", CRYSTAL_STOPS) {
         // Before it, the bits would be too long.
-        assert!(!told.iter().any(|line| line.contains("Fault")), "{told:?}");
-        check(machine, &told, "crystal stopped");
+        assert!(
+            !lines.iter().any(|line| line.contains("Fault")),
+            "{lines:?}"
+        );
+        check(machine, &lines, "crystal stopped");
     }
 }

@@ -12,15 +12,15 @@ fn the_buttons_hold_resume_and_reset() {
     assert_eq!(machine.ask("G1X150F400"), ["ok"]);
     while machine.memory.steps()[0] < 100 {}
     machine.memory.close(Levels::HOLD);
-    machine.wait_for("<Hold:0");
+    machine.wait_for("Hold:0");
     machine.memory.close(Levels::NONE);
     let held = machine.memory.steps();
     machine.memory.close(Levels::START);
-    machine.wait_for("<Run");
+    machine.wait_for("Run");
     machine.memory.close(Levels::RESET);
     machine.wait_for_welcome();
     machine.memory.close(Levels::NONE);
-    machine.wait_for("<Alarm");
+    machine.wait_for("Alarm");
     assert!(machine.memory.steps()[0] >= held[0]);
 }
 
@@ -33,17 +33,17 @@ fn the_door_stops_and_cycle_start_resumes_once_it_is_closed() {
     assert_eq!(machine.ask("G1X100F600"), ["ok"]);
     while machine.memory.steps()[0] < 100 {}
     machine.memory.close(Levels::DOOR);
-    machine.wait_for("<Door:1");
+    machine.wait_for("Door:1");
     assert_eq!(machine.memory.switched().flood(), 0);
     // An open door cannot be resumed from.
     machine.send(b"~");
-    assert!(machine.status().starts_with("<Door:1"));
+    assert_eq!(machine.status().state(), "Door:1");
     let stopped = machine.memory.steps();
     machine.memory.close(Levels::NONE);
-    machine.wait_for("<Door:0");
+    machine.wait_for("Door:0");
     assert_eq!(machine.memory.steps(), stopped);
     machine.send(b"~");
-    machine.wait_for("<Run");
+    machine.wait_for("Run");
     assert_eq!(machine.memory.switched().flood(), 1);
     machine.send(RESET);
     machine.wait_for_welcome();
@@ -54,16 +54,16 @@ fn an_input_that_is_active_is_reported() {
     let Some(mut machine) = Machine::boot_small() else {
         return;
     };
-    assert!(!machine.status().contains("Pn:"));
+    assert_eq!(machine.status().field("Pn"), None);
     machine.memory.mount_low(0, 0);
     machine.memory.mount_high(2, 0);
     machine.memory.put_plate(0);
-    machine.wait_for_part("|Pn:PXZ");
+    machine.wait_for_field("Pn", "PXZ");
     machine.set(&["$5=1"]);
-    machine.wait_for_part("|Pn:PY");
+    machine.wait_for_field("Pn", "PY");
     machine.memory.put_plate(i32::MIN);
     machine.memory.close(Levels::HOLD);
-    machine.wait_for_part("|Pn:YH");
+    machine.wait_for_field("Pn", "YH");
 }
 
 #[test]
@@ -75,7 +75,7 @@ fn a_break_on_the_line_holds_a_move_that_ends_exactly_after_cycle_start() {
     while machine.memory.steps()[0] < 100 {}
     machine.memory.pull_line(true);
     while machine.receive() != "[MSG:Break on the line]" {}
-    machine.wait_for("<Hold:0");
+    machine.wait_for("Hold:0");
     // The break lasts, and holds no second time.
     machine.send(b"~");
     machine.wait_for_idle();

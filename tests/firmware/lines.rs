@@ -2,6 +2,7 @@
 
 use crate::{
     machine::{Machine, RESET},
+    report::Report,
     sender::Sender,
 };
 
@@ -10,16 +11,14 @@ fn lines_settings_and_queries_are_answered() {
     let Some(mut machine) = Machine::boot() else {
         return;
     };
-    assert!(
-        machine
-            .status()
-            .starts_with("<Idle|MPos:0.000,0.000,0.000|")
-    );
+    let status = machine.status();
+    assert_eq!(status.state(), "Idle");
+    assert_eq!(status.position(), "0.000,0.000,0.000");
     assert_eq!(machine.ask("G1X1"), ["error:22"]);
     assert_eq!(machine.ask("G0 X1 ; a comment"), ["ok"]);
     assert_eq!(machine.ask("Q"), ["error:2"]);
     assert_eq!(machine.ask(""), ["ok"]);
-    assert!(machine.wait_for_idle().contains("MPos:1.000,0.000,0.000"));
+    assert_eq!(machine.wait_for_idle().position(), "1.000,0.000,0.000");
     assert!(machine.ask("$$").contains(&"$100=250.000".to_owned()));
     assert_eq!(machine.ask("$100=80"), ["ok"]);
     assert!(machine.ask("$$").contains(&"$100=80.000".to_owned()));
@@ -50,7 +49,7 @@ fn a_program_ends_where_it_should_with_inverted_outputs() {
     }
     sender.finish();
     let status = machine.wait_for_idle();
-    assert!(status.contains("MPos:3.000,4.000,-1.000"), "{status}");
+    assert_eq!(status.position(), "3.000,4.000,-1.000");
 }
 
 #[test]
@@ -59,7 +58,7 @@ fn a_reset_in_motion_stops_keeps_the_position_and_locks() {
         return;
     };
     assert_eq!(machine.ask("G1X150F400"), ["ok"]);
-    while !machine.status().starts_with("<Run") {}
+    while machine.status().state() != "Run" {}
     machine.send(RESET);
     let mut lines = vec![machine.receive()];
     while !lines.last().unwrap().starts_with("[MSG:") {
@@ -80,13 +79,13 @@ fn a_reset_in_motion_stops_keeps_the_position_and_locks() {
     let after = machine.wait_for_idle();
     assert!(
         (x_mm(&after) - x_mm(&before) - 1.0).abs() < 0.0011,
-        "{before} {after}"
+        "{before:?} {after:?}"
     );
 }
 
 /// Machine position of X in a status report.
-fn x_mm(status: &str) -> f64 {
-    let position = status.split("MPos:").nth(1).unwrap();
+fn x_mm(status: &Report) -> f64 {
+    let position = status.position();
     position.split(',').next().unwrap().parse().unwrap()
 }
 
@@ -125,7 +124,7 @@ fn twenty_thousand_lines_with_holds_resets_and_queries_get_one_answer_each() {
     // A report may still be on its way.
     assert_eq!(machine.ask("G90G0X1Y2").last().unwrap(), "ok");
     let status = machine.wait_for_idle();
-    assert!(status.contains("MPos:1.000,2.000,0.000"), "{status}");
+    assert_eq!(status.position(), "1.000,2.000,0.000");
 }
 
 #[test]
@@ -167,6 +166,6 @@ fn bad_input_gets_one_error_a_line_and_moves_nothing() {
         assert_eq!(answer.len(), 1, "{answer:?} for {shown:?}");
     }
     let status = machine.wait_for_idle();
-    assert!(status.contains("MPos:0.000,0.000,0.000"), "{status}");
+    assert_eq!(status.position(), "0.000,0.000,0.000");
     assert_eq!(machine.ask(""), ["ok"]);
 }

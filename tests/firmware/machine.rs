@@ -10,7 +10,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::memory::Memory;
+use crate::{memory::Memory, report::Report};
 
 /// Longest time for an answer before the machine counts as dead.
 pub(crate) const TIMEOUT: Duration = Duration::from_mins(1);
@@ -22,7 +22,7 @@ pub(crate) struct Machine {
     pub(crate) lines: Receiver<String>,
     pub(crate) memory: Memory,
     /// Lines that have come.
-    heard: Vec<String>,
+    received: Vec<String>,
 }
 
 impl Machine {
@@ -71,7 +71,7 @@ impl Machine {
             qemu,
             lines,
             memory,
-            heard: Vec::new(),
+            received: Vec::new(),
         })
     }
 
@@ -94,10 +94,10 @@ impl Machine {
         loop {
             let line = self.lines.recv_timeout(TIMEOUT);
             let Ok(line) = line else {
-                panic!("the firmware is silent after {:?}", self.heard);
+                panic!("the firmware is silent after {:?}", self.received);
             };
             if !line.is_empty() {
-                self.heard.push(line.clone());
+                self.received.push(line.clone());
                 return line;
             }
         }
@@ -118,46 +118,48 @@ impl Machine {
     }
 
     /// A status report; answers in between are lost.
-    pub(crate) fn status(&mut self) -> String {
+    pub(crate) fn status(&mut self) -> Report {
         self.send(b"?");
         loop {
-            let line = self.receive();
-            if line.starts_with('<') {
-                return line;
+            if let Some(report) = Report::parse(&self.receive()) {
+                return report;
             }
         }
     }
 
     /// Waits until the machine is idle; its last report.
-    pub(crate) fn wait_for_idle(&mut self) -> String {
+    pub(crate) fn wait_for_idle(&mut self) -> Report {
         loop {
             let status = self.status();
-            assert!(!status.starts_with("<Alarm"), "{status}");
-            if status.starts_with("<Idle") {
+            assert_ne!(status.state(), "Alarm");
+            if status.state() == "Idle" {
                 return status;
             }
             thread::sleep(Duration::from_millis(20));
         }
     }
 
-    /// Asks for reports until one begins so.
-    pub(crate) fn wait_for(&mut self, beginning: &str) {
-        self.wait_until(|status| status.starts_with(beginning));
+    /// Asks for reports until one has this state.
+    pub(crate) fn wait_for(&mut self, state: &str) {
+        self.wait_until(|status| status.state() == state);
     }
 
-    /// Asks for reports until one has this in it.
-    pub(crate) fn wait_for_part(&mut self, part: &str) {
-        self.wait_until(|status| status.contains(part));
+    /// Asks for reports until one has a field whose value begins so.
+    pub(crate) fn wait_for_field(&mut self, name: &str, beginning: &str) {
+        self.wait_until(|status| {
+            let value = status.field(name);
+            value.is_some_and(|value| value.starts_with(beginning))
+        });
     }
 
-    fn wait_until(&mut self, is_expected: impl Fn(&str) -> bool) {
+    fn wait_until(&mut self, is_expected: impl Fn(&Report) -> bool) {
         let start = Instant::now();
         loop {
             let status = self.status();
             if is_expected(&status) {
                 return;
             }
-            assert!(start.elapsed() < TIMEOUT, "{status}");
+            assert!(start.elapsed() < TIMEOUT, "{status:?}");
             thread::sleep(Duration::from_millis(5));
         }
     }

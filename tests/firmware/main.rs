@@ -13,5 +13,7 @@ mod machine;
 mod memory;
 mod priorities;
 mod proven;
+#[path = "../support/report.rs"]
+mod report;
 mod sender;
 mod states;

@@ -34,7 +34,7 @@ struct Assumed {
 }
 
 fn file(name: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(name);
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join(name);
     fs::read_to_string(path).expect("it is a file of this project")
 }
 

@@ -8,7 +8,10 @@ use std::{
 
 use leadscrew::sim::WINDOW;
 
-use crate::machine::{Machine, RESET, TIMEOUT, is_answer};
+use crate::{
+    machine::{Machine, RESET, TIMEOUT, is_answer},
+    report::Report,
+};
 
 /// Streams lines and checks that each gets its own answer, in order.
 pub(crate) struct Sender<'a> {
@@ -68,9 +71,9 @@ impl<'a> Sender<'a> {
             let (_, expected) = self.unanswered.pop_front().expect("an answer for a line");
             assert_eq!(line, expected, "line {}", self.answered);
             self.answered += 1;
-        } else if let Some(report) = line.strip_prefix('<') {
+        } else if let Some(report) = Report::parse(line) {
             self.reports += 1;
-            self.state = report.split('|').next().unwrap().into();
+            self.state = report.state().into();
         }
     }
 

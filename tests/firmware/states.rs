@@ -14,7 +14,7 @@ fn a_jog_can_be_cancelled() {
     for _ in 0..5 {
         assert_eq!(machine.ask("$J=G91X100F600"), ["ok"]);
     }
-    machine.wait_for("<Jog");
+    machine.wait_for("Jog");
     machine.send(b"\x85");
     machine.wait_for_idle();
     let stopped = machine.memory.steps()[0];
@@ -38,8 +38,8 @@ fn overrides_change_the_speed_in_motion() {
     // 200 %, then 25 % of rapids, and the spindle's to 90 %.
     machine.send(&[0x91; 10]);
     machine.send(&[0x97, 0x9b]);
-    machine.wait_for_part("|Ov:200,25,90");
-    machine.wait_for_part("|FS:1200,");
+    machine.wait_for_field("Ov", "200,25,90");
+    machine.wait_for_field("FS", "1200,");
     machine.send(RESET);
     machine.wait_for_welcome();
 }
@@ -109,13 +109,13 @@ fn nothing_moves_in_check_mode_and_asleep() {
     assert_eq!(machine.ask("$C"), ["[MSG:Enabled]", "ok"]);
     assert_eq!(machine.ask("G1X10F600"), ["ok"]);
     assert_eq!(machine.ask("G1X10F600Y"), ["error:2"]);
-    assert!(machine.status().starts_with("<Check"));
+    assert_eq!(machine.status().state(), "Check");
     machine.send(b"$C\n");
     assert_eq!(machine.receive(), "[MSG:Disabled]");
     machine.wait_for_welcome();
-    machine.wait_for("<Idle");
+    machine.wait_for("Idle");
     machine.send(b"$SLP\n");
-    machine.wait_for("<Sleep");
+    machine.wait_for("Sleep");
     machine.send(RESET);
     machine.wait_for_welcome();
     assert_eq!(machine.memory.steps(), [0; 6]);

@@ -11,7 +11,7 @@ use leadscrew::{
 };
 use proptest::prelude::*;
 
-use crate::support::{after, send};
+use crate::support::{after, send, um};
 
 /// Does a line in one go, if it is plain; else returns the plain words that it begins with.
 fn plain(
@@ -258,7 +258,7 @@ proptest! {
             let text = stripped.text().unwrap();
             let checked = machine.check(text, &settings);
             let second = second.index(line.len() + 3);
-            let (way, short) = match plain_in_parts(&mut machine, &line, second, &settings) {
+            let (in_parts, short) = match plain_in_parts(&mut machine, &line, second, &settings) {
                 Ok(executed) => executed,
                 Err(prefix) => {
                     prop_assert_eq!(&machine, &before, "{}", line);
@@ -279,12 +279,22 @@ proptest! {
             prop_assert_eq!(&machine, &other, "{}", line);
             prop_assert_eq!(&short, &long, "{}", line);
             prop_assert_eq!(single_mm(&short), single_mm(&long), "{}", line);
-            prop_assert!(checked.moves() && way.moves());
-            for checked in [&checked, &way] {
+            prop_assert!(checked.moves() && in_parts.moves());
+            for checked in [&checked, &in_parts] {
                 prop_assert!(!checked.waits_for_standstill() && !checked.answers_when_done());
                 prop_assert!(!checked.ends_program() && checked.probing().is_none());
                 prop_assert!(machine.origins_after(checked).is_none());
             }
         }
     }
+}
+
+#[test]
+fn an_increment_from_where_the_machine_was_stopped_is_rounded_as_from_there() {
+    let mut machine = after(&["G91", "G1X7.7Y0.3F100"]);
+    let stopped = um(1234, -567, 8);
+    machine.set_position(stopped);
+    let outcome = send(&mut machine, "X0.002Y0.002Z0.002").unwrap();
+    let sums = stopped.map(|nm| (nm.to_mm() + 0.002).to_bits());
+    assert_eq!(single_mm(&outcome)[..3], sums.0[..3]);
 }

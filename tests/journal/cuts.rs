@@ -6,7 +6,7 @@ use leadscrew::{
 };
 
 use crate::{
-    cases::factor,
+    cases::rounds,
     history::{Contents, History, Small, load, power_up, write},
 };
 
@@ -49,7 +49,7 @@ fn a_power_cut_at_any_word_or_erase_leaves_the_old_or_the_new() {
     let mut history = History::new(1);
     let mut flash = power_up(Small::new()).0.into_flash();
     let (mut cuts, mut kept) = (0_u64, 0_u64);
-    let rounds = 60 * u64::from(factor());
+    let rounds = rounds(60);
     for round in 0..rounds {
         let old = history.contents.clone();
         let change = history.change();
@@ -76,14 +76,15 @@ fn a_power_cut_at_any_word_or_erase_leaves_the_old_or_the_new() {
         cuts > 24 * rounds && kept > 0,
         "{cuts} cuts, {kept} kept the old"
     );
-    assert!(flash.erases().iter().all(|&erases| erases > 2));
+    // A few rounds fill no sector again.
+    assert!(rounds < 60 || flash.erases().iter().all(|&erases| erases > 2));
 }
 
 #[test]
 fn a_second_cut_while_the_first_is_made_good_loses_nothing() {
     let mut history = History::new(2);
     let mut flash = power_up(Small::new()).0.into_flash();
-    for round in 0..20 * u64::from(factor()) {
+    for round in 0..rounds(20) {
         let old = history.contents.clone();
         let change = history.change();
         let new = history.contents.clone();
@@ -112,7 +113,7 @@ fn a_life_of_power_cuts_loses_nothing() {
     let mut history = History::new(3);
     let mut flash = power_up(Small::new()).0.into_flash();
     let (mut cuts, mut latest) = (0, Contents::default());
-    let rounds = 2_000 * u64::from(factor());
+    let rounds = rounds(2_000);
     for round in 0..rounds {
         history.contents = latest.clone();
         let change = history.change();
@@ -187,7 +188,7 @@ fn a_power_cut_while_a_full_tool_table_changes_loses_no_tool() {
         flash = stored_in(flash, change, &history.contents);
     }
     let (mut cuts, mut erases) = (0, flash.erases());
-    let rounds = 15 * u64::from(factor());
+    let rounds = rounds(15);
     for round in 0..rounds {
         let old = history.contents.clone();
         let change = history.tool(TOOLS as u32);

@@ -3,7 +3,7 @@
 use leadscrew::settings::TOOLS;
 
 use crate::{
-    cases::factor,
+    cases::{each, rounds},
     history::{Contents, History, Small, power_up, write},
 };
 
@@ -57,7 +57,7 @@ fn check_rotten_words(seed: u64) {
     assert_eq!(flash.erases(), [0, 0]);
     let page = Small::new().contents().len() / 2 - LOG;
     let mut rotten = 0;
-    for place in (MARK..page - MARK).step_by(4) {
+    for place in (MARK..page - MARK).step_by(4 * each(5)) {
         for mask in [u32::MAX, 1, 0x8000_0000, 0x00ff_ff00, 0x5a5a_5a5a] {
             let mut flash = flash.clone();
             let word = flash.contents_mut()[place..].first_chunk_mut().unwrap();
@@ -76,13 +76,13 @@ fn check_rotten_words(seed: u64) {
             assert_eq!(power_up(journal.into_flash()).1.contents, next.contents);
         }
     }
-    assert!(rotten > 100, "{rotten}");
+    assert!(rotten > 100 / each(5), "{rotten}");
 }
 
 #[test]
 fn a_flash_full_of_something_else_is_a_first_start() {
     let mut history = History::new(9);
-    for round in 0..50 * u64::from(factor()) {
+    for round in 0..rounds(50) {
         let mut flash = Small::new();
         for byte in flash.contents_mut() {
             *byte = match round {

@@ -5,7 +5,7 @@ use leadscrew::settings::{
 };
 
 use crate::{
-    cases::factor,
+    cases::rounds,
     history::{Contents, History, Loaded},
 };
 
@@ -180,7 +180,7 @@ fn a_loss_of_power_at_any_byte_leaves_the_old_or_the_new() {
     let mut history = History::new(1);
     let mut cells = store(Cells::new(), history.change(), &history.contents);
     let (mut cuts, mut kept) = (0_u64, 0_u64);
-    let rounds = 40 * u64::from(factor());
+    let rounds = rounds(40);
     for round in 0..rounds {
         let old = history.contents.clone();
         let change = history.change();
@@ -213,7 +213,7 @@ fn a_life_of_losses_of_power_loses_nothing_else() {
     let mut history = History::new(3);
     let mut cells = store(Cells::new(), Change::Settings, &history.contents);
     let (mut cuts, mut latest) = (0, Contents::default());
-    let rounds = 1000 * u64::from(factor());
+    let rounds = rounds(1000);
     for round in 0..rounds {
         history.contents = latest.clone();
         let change = history.change();

@@ -3,7 +3,7 @@
 use leadscrew::settings::{Change, Erasing, StoreError, TOOLS, WaitingChanges};
 
 use crate::{
-    cases::factor,
+    cases::rounds,
     history::{Contents, History, Small, power_up, write},
 };
 
@@ -84,7 +84,7 @@ fn was_in_effect(stored: &Contents, in_effect: &[Contents]) -> bool {
 
 #[test]
 fn what_waits_is_stored_later_and_a_loss_of_power_before_leaves_what_was_stored() {
-    for seed in 0..60 * u64::from(factor()) {
+    for seed in 0..rounds(60) {
         let mut history = History::new(1000 + seed);
         let flash = used(&mut history);
         let (flash, in_effect, waiting) = change_until_some_wait(flash, &mut history);
@@ -100,7 +100,7 @@ fn what_waits_is_stored_later_and_a_loss_of_power_before_leaves_what_was_stored(
 #[test]
 fn a_loss_of_power_while_what_waits_is_stored_leaves_old_or_new_records() {
     let mut cuts = 0;
-    for seed in 0..6 * u64::from(factor()) {
+    for seed in 0..rounds(6) {
         let mut history = History::new(2000 + seed);
         let flash = used(&mut history);
         let (flash, in_effect, waiting) = change_until_some_wait(flash, &mut history);

@@ -5,7 +5,7 @@ use std::num::NonZeroU8;
 use leadscrew::settings::{Change, EepromStore, SMALL_EEPROM_KIB, StoreError, ToolEntry};
 
 use crate::{
-    cases::factor,
+    cases::rounds,
     eeprom::{Cells, on, power_up_with, store_with},
     history::{Contents, History},
 };
@@ -95,8 +95,9 @@ fn a_loss_of_power_at_any_byte_of_4_kib_leaves_the_old_or_the_new() {
     }
     let mut history = History::new(12);
     let mut cells = store(new(), history.change(), &history.contents);
-    let mut kept = 0;
-    for round in 0..20 * u64::from(factor()) {
+    let mut kept = 0_u64;
+    let rounds = rounds(20);
+    for round in 0..rounds {
         let old = history.contents.clone();
         let change = history.change();
         let new = history.contents.clone();
@@ -113,5 +114,5 @@ fn a_loss_of_power_at_any_byte_of_4_kib_leaves_the_old_or_the_new() {
         }
         cells = store(cells, change, &new);
     }
-    assert!(kept > 500, "{kept}");
+    assert!(kept > 25 * rounds, "{kept}");
 }

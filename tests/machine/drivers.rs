@@ -1,59 +1,57 @@
 //! Drivers that want time between their enabling and the first step, `$786`.
 
-use leadscrew::{
-    axis::Axes,
-    model::State,
-    settings::{Settings, assign},
-    sim::Simulator,
-    units::{TICKS_PER_MS, TICKS_PER_SECOND},
-};
+use leadscrew::{model::State, units::TICKS_PER_MS};
+
+use crate::support::Machine;
 
 const MS: u64 = TICKS_PER_MS as u64;
-const SECOND: u64 = TICKS_PER_SECOND as u64;
 
 /// A machine, with when its drivers were enabled last, and each first step since then.
-struct Machine {
-    simulator: Box<Simulator>,
-    told: String,
+struct Enabling {
+    machine: Machine,
     enabled: Option<u64>,
     /// From enabling to the first step, ticks.
     leads: Vec<u64>,
     is_stepping: bool,
 }
 
-impl Machine {
-    fn with(assignments: &[&str]) -> Self {
-        let mut settings = Settings::default();
-        for assignment in assignments {
-            assign(&mut settings, assignment.as_bytes()).unwrap();
-        }
-        let mut machine = Self {
-            simulator: Box::new(Simulator::new(&settings)),
-            told: String::new(),
+impl Enabling {
+    fn new(assignments: &[&str]) -> Self {
+        Self {
+            machine: Machine::new(assignments),
             enabled: None,
             leads: Vec::new(),
             is_stepping: false,
-        };
-        machine.run(SECOND);
-        machine
+        }
     }
 
-    fn send(&mut self, text: &str) {
-        for byte in text.bytes() {
-            self.simulator.receive(byte);
+    /// Sends bytes, and runs for some milliseconds.
+    fn send_for(&mut self, bytes: &str, ms: u64) {
+        self.machine.send(bytes);
+        let end = self.machine.now() + ms * MS;
+        self.observe(self.machine.edges.len());
+        while self.machine.now() < end {
+            let edges = self.machine.edges.len();
+            self.machine.advance_to(end);
+            self.observe(edges);
         }
-        self.look();
     }
 
-    fn look(&mut self) {
-        self.simulator.settle();
-        while let Some(byte) = self.simulator.send() {
-            self.told.push(byte.into());
-            self.simulator.settle();
+    /// Observes the drivers, and steps after so many edges.
+    fn observe(&mut self, edges: usize) {
+        let now = self.machine.now();
+        let is_step = self.machine.edges[edges..]
+            .iter()
+            .any(|edge| edge.raise != 0);
+        if is_step && !self.is_stepping {
+            let enabled = self.enabled;
+            let enabled = enabled.expect("a motor steps whose driver is disabled");
+            self.leads.push(now - enabled);
+            self.is_stepping = true;
         }
-        match (self.simulator.outputs().drivers, self.enabled) {
+        match (self.machine.outputs().drivers, self.enabled) {
             (true, None) => {
-                self.enabled = Some(self.simulator.now());
+                self.enabled = Some(now);
                 self.is_stepping = false;
             }
             (false, _) => self.enabled = None,
@@ -61,27 +59,8 @@ impl Machine {
         }
     }
 
-    fn run(&mut self, ticks: u64) {
-        let end = self.simulator.now() + ticks;
-        self.look();
-        while let Some(due) = self.simulator.due().filter(|due| *due <= end) {
-            let edge = self.simulator.advance(due);
-            if edge.is_some_and(|edge| edge.raise != 0) && !self.is_stepping {
-                let enabled = self
-                    .enabled
-                    .expect("a motor steps whose driver is disabled");
-                self.leads.push(self.simulator.now() - enabled);
-                self.is_stepping = true;
-            }
-            self.look();
-        }
-        self.simulator.advance(end);
-        self.look();
-    }
-
     fn x(&self) -> i32 {
-        let Axes([x, ..]) = self.simulator.physical_steps();
-        x
+        self.machine.xyz()[0]
     }
 }
 
@@ -96,70 +75,71 @@ fn the_first_step_comes_when_the_drivers_have_had_their_time() {
         "G38.3X1F100",
         "G0X0\nG0X1",
     ] {
-        let mut machine = Machine::with(&["786=200"]);
-        machine.send("G91\n");
+        let mut drivers = Enabling::new(&["786=200"]);
+        drivers.send_for("G91\n", 0);
         for number in 1..=2 {
-            machine.send(&format!("{line}\n"));
-            machine.run(10 * SECOND);
-            let leads = &machine.leads;
+            drivers.send_for(&format!("{line}\n"), 10000);
+            let leads = &drivers.leads;
             assert_eq!(leads.len(), number, "{line}");
             let lead = leads[number - 1];
             assert!((200 * MS..240 * MS).contains(&lead), "{line}: {lead} ticks");
             // The drivers are disabled meanwhile.
-            assert_eq!(machine.enabled, None, "{line}");
+            assert_eq!(drivers.enabled, None, "{line}");
         }
-        assert!(!machine.told.contains("error"), "{}", machine.told);
+        assert!(
+            !drivers.machine.received.contains("error"),
+            "{}",
+            drivers.machine.received
+        );
     }
 }
 
 #[test]
 fn drivers_that_are_enabled_need_no_time() {
-    let mut machine = Machine::with(&["786=200", "1=255"]);
-    machine.send("G0X1\n");
-    machine.run(100 * MS);
-    assert!(machine.x() > 0);
+    let mut drivers = Enabling::new(&["786=200", "1=255"]);
+    drivers.send_for("G0X1\n", 100);
+    assert!(drivers.x() > 0);
 }
 
 #[test]
 fn without_the_setting_a_dwell_enables_no_driver_and_a_move_begins_at_once() {
-    let mut machine = Machine::with(&[]);
-    machine.send("G4P1\n");
-    machine.run(SECOND / 2);
-    assert_eq!(machine.enabled, None);
-    machine.run(SECOND);
-    machine.send("G0X1\n");
-    machine.run(SECOND);
-    assert!(machine.leads[0] < 25 * MS, "{:?}", machine.leads);
+    let mut drivers = Enabling::new(&[]);
+    drivers.send_for("G4P1\n", 500);
+    assert_eq!(drivers.enabled, None);
+    drivers.send_for("", 1000);
+    drivers.send_for("G0X1\n", 1000);
+    assert!(drivers.leads[0] < 25 * MS, "{:?}", drivers.leads);
 }
 
 #[test]
 fn a_hold_before_the_first_step_holds_and_a_reset_ends_the_move() {
     for home in [false, true] {
-        let mut machine = Machine::with(&["786=500", "22=1", "788=7"]);
-        machine.send("$X\nG0X1\n");
+        let mut drivers = Enabling::new(&["786=500", "22=1", "788=7"]);
+        drivers.send_for("$X\nG0X1\n", 0);
         if home {
-            machine.send("\x18");
-            machine.run(SECOND);
-            machine.send("$H\n");
+            drivers.send_for("\x18", 1000);
+            drivers.send_for("$H\n", 0);
         }
-        machine.run(100 * MS);
-        assert_eq!(machine.x(), 0);
-        machine.send("!");
-        machine.run(2 * SECOND);
+        drivers.send_for("", 100);
+        assert_eq!(drivers.x(), 0);
+        drivers.send_for("!", 2000);
         if !home {
-            assert_eq!(machine.simulator.snapshot().state, State::HoldComplete);
-            assert_eq!(machine.x(), 0);
-            machine.send("~");
-            machine.run(5 * SECOND);
-            assert_eq!(machine.x(), 250);
-            machine.send("G0X0\n");
-            machine.run(100 * MS);
+            assert_eq!(drivers.machine.state(), State::HoldComplete);
+            assert_eq!(drivers.x(), 0);
+            drivers.send_for("~", 5000);
+            assert_eq!(drivers.x(), 250);
+            drivers.send_for("G0X0\n", 100);
         }
-        machine.send("\x18");
-        machine.run(2 * SECOND);
-        assert!(machine.told.ends_with("to unlock]\r\n") || machine.told.ends_with("help]\r\n"));
-        machine.send("$X\nG91G0X1\n");
-        machine.run(5 * SECOND);
-        assert!(machine.told.ends_with("ok\r\n"), "{}", machine.told);
+        drivers.send_for("\x18", 2000);
+        assert!(
+            drivers.machine.received.ends_with("to unlock]\r\n")
+                || drivers.machine.received.ends_with("help]\r\n")
+        );
+        drivers.send_for("$X\nG91G0X1\n", 5000);
+        assert!(
+            drivers.machine.received.ends_with("ok\r\n"),
+            "{}",
+            drivers.machine.received
+        );
     }
 }

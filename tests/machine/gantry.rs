@@ -4,12 +4,11 @@ use leadscrew::{
     axis::{AXES, X, Y, Z},
     model::Levels,
     settings::Settings,
-    sim::{Closes, Edge, Simulator, Switch},
-    units::{TICKS_PER_MS, TICKS_PER_SECOND},
+    sim::{Closes, Simulator, Switch},
 };
 use proptest::prelude::*;
 
-use crate::support::{cases, fast};
+use crate::support::{Machine, cases, fast};
 
 /// Steps per mm of every axis.
 const PER_MM: i32 = 80;
@@ -27,97 +26,41 @@ fn settings() -> Settings {
     }
 }
 
-/// A machine of which some axes have two motors.
-struct Gantry {
-    simulator: Box<Simulator>,
-    settings: Settings,
-    /// What has come since the machine was asked last.
-    received: String,
+/// Returns a machine of which some axes have two motors, the second some steps ahead, with switches at both ends of
+/// each gantry.
+fn gantry(settings: &Settings, axes: u8, ahead: i32) -> Machine {
+    let mut machine = Machine::of(Simulator::ganged(settings, axes));
+    let others = Levels::limits(((1 << AXES) - 1) & !0b111);
+    machine.set_pin(others, settings.limit_invert);
+    for axis in [X, Y, Z] {
+        let closes = closes(settings, axis);
+        machine.mount(axis, closes, Levels::limits(1 << axis));
+        if axes >> axis & 1 != 0 {
+            let second = Switch {
+                axis,
+                closes,
+                input: Levels::second_limits(1 << axis),
+            };
+            assert!(machine.mount_second(second));
+            machine.skew(axis, ahead);
+        }
+    }
+    machine.run(100);
+    machine.received.clear();
+    machine
 }
 
-impl Gantry {
-    /// Returns a machine whose second motors are some steps ahead, with switches at both ends of each gantry.
-    fn new(settings: &Settings, axes: u8, ahead: i32) -> Self {
-        let mut simulator = Box::new(Simulator::ganged(settings, axes));
-        let others = Levels::limits(((1 << AXES) - 1) & !0b111);
-        simulator.set_pin(others, settings.limit_invert);
-        for axis in [X, Y, Z] {
-            let mut switch = Switch {
-                axis,
-                closes: closes(settings, axis),
-                input: Levels::limits(1 << axis),
-            };
-            assert!(simulator.mount(switch));
-            if axes >> axis & 1 != 0 {
-                switch.input = Levels::second_limits(1 << axis);
-                assert!(simulator.mount_second(switch));
-                simulator.skew(axis, ahead);
-            }
-        }
-        let mut gantry = Self {
-            simulator,
-            settings: *settings,
-            received: String::new(),
-        };
-        gantry.simulator.settle();
-        gantry.run_while(100, |_, _| true);
-        gantry
-    }
+/// Returns how far both motors of an axis are from their switch, away from it, steps.
+fn distances(machine: &Machine, axis: usize) -> [i32; 2] {
+    let settings = machine.session().settings();
+    let sign = if is_negative(settings, axis) { -1 } else { 1 };
+    let motors = [machine.physical_steps(), machine.second_steps()];
+    motors.map(|steps| AWAY - sign * steps[axis])
+}
 
-    fn send(&mut self, bytes: &str) {
-        self.received.clear();
-        for byte in bytes.bytes() {
-            self.simulator.receive(byte);
-            self.simulator.settle();
-        }
-    }
-
-    /// Runs for some milliseconds, while something holds of the machine and its last edge.
-    fn run_while(&mut self, ms: u64, holds: impl Fn(&Simulator, Option<Edge>) -> bool) {
-        let end = self.simulator.now() + ms * u64::from(TICKS_PER_MS);
-        while self.simulator.now() < end {
-            let edge = self.simulator.advance(end);
-            while let Some(byte) = self.simulator.send() {
-                self.received.push(char::from(byte));
-                self.simulator.settle();
-            }
-            if !holds(&self.simulator, edge) {
-                return;
-            }
-        }
-    }
-
-    /// Sends a line and waits until nothing is due; returns what has come.
-    fn ask(&mut self, line: &str) -> &str {
-        self.send(&format!("{line}\n"));
-        self.run_while(60_000, |simulator, _| simulator.due().is_some());
-        &self.received
-    }
-
-    fn report(&mut self) -> &str {
-        self.send("?");
-        self.run_while(10, |_, _| true);
-        &self.received
-    }
-
-    /// Returns how far both motors of an axis are from their switch, away from it, steps.
-    fn distances(&self, axis: usize) -> [i32; 2] {
-        let sign = if is_negative(&self.settings, axis) {
-            -1
-        } else {
-            1
-        };
-        let motors = [
-            self.simulator.physical_steps(),
-            self.simulator.second_steps(),
-        ];
-        motors.map(|steps| AWAY - sign * steps[axis])
-    }
-
-    /// Returns how far the second motor of an axis is ahead of the first, steps.
-    fn ahead(&self, axis: usize) -> i32 {
-        self.simulator.second_steps()[axis] - self.simulator.physical_steps()[axis]
-    }
+/// Returns how far the second motor of an axis is ahead of the first, steps.
+fn ahead(machine: &Machine, axis: usize) -> i32 {
+    machine.second_steps()[axis] - machine.physical_steps()[axis]
 }
 
 fn is_negative(settings: &Settings, axis: usize) -> bool {
@@ -136,27 +79,30 @@ fn closes(settings: &Settings, axis: usize) -> Closes {
 
 #[test]
 fn a_gantry_skewed_by_3_mm_ends_square_within_a_step() {
-    for (homing_direction, ahead) in [(0, 240), (0, -240), (0b111, 240), (0b111, -240)] {
+    for (homing_direction, skew) in [(0, 240), (0, -240), (0b111, 240), (0b111, -240)] {
         let settings = Settings {
             homing_direction,
             ..settings()
         };
-        let mut gantry = Gantry::new(&settings, 1 << Y, ahead);
-        assert_eq!(gantry.ask("$H"), "ok\r\n");
-        for distance in gantry.distances(Y) {
+        let mut machine = gantry(&settings, 1 << Y, skew);
+        assert_eq!(machine.ask("$H"), ["ok"]);
+        for distance in distances(&machine, Y) {
             assert!((distance - PULL_OFF).abs() <= 1, "{distance} steps");
         }
-        assert!(gantry.ahead(Y).abs() <= 1, "{} steps", gantry.ahead(Y));
-        assert_eq!(gantry.distances(X)[0], PULL_OFF);
-        assert_eq!(gantry.distances(Z)[0], PULL_OFF);
+        assert!(
+            ahead(&machine, Y).abs() <= 1,
+            "{} steps",
+            ahead(&machine, Y)
+        );
+        assert_eq!(distances(&machine, X)[0], PULL_OFF);
+        assert_eq!(distances(&machine, Z)[0], PULL_OFF);
         let home = if homing_direction == 0 { "-1" } else { "-199" };
-        let position = format!("MPos:{home}.000,{home}.000,{home}.000");
-        let report = gantry.report();
-        assert!(report.contains(&position), "{report}");
+        let position = format!("{home}.000,{home}.000,{home}.000");
+        assert_eq!(machine.report().position(), position);
         // From there on both move as one.
-        let before = gantry.distances(Y);
-        assert_eq!(gantry.ask("G53G0Y-50"), "ok\r\n");
-        let moved = gantry.distances(Y);
+        let before = distances(&machine, Y);
+        assert_eq!(machine.ask("G53G0Y-50"), ["ok"]);
+        let moved = distances(&machine, Y);
         assert_eq!(moved[0] - before[0], moved[1] - before[1]);
         assert_ne!(moved, before);
     }
@@ -165,10 +111,10 @@ fn a_gantry_skewed_by_3_mm_ends_square_within_a_step() {
 #[test]
 fn a_square_gantry_is_homed_as_fast_as_an_axis_with_one_motor() {
     let seconds = |axes| {
-        let mut gantry = Gantry::new(&settings(), axes, 0);
-        let begin = gantry.simulator.now();
-        assert_eq!(gantry.ask("$H"), "ok\r\n");
-        (gantry.simulator.now() - begin) as f64 / f64::from(TICKS_PER_SECOND)
+        let mut machine = gantry(&settings(), axes, 0);
+        let begin = machine.seconds();
+        assert_eq!(machine.ask("$H"), ["ok"]);
+        machine.seconds() - begin
     };
     assert_eq!(seconds(0b11), seconds(0));
 }
@@ -190,10 +136,10 @@ proptest! {
             limit_invert,
             ..settings()
         };
-        let mut gantry = Gantry::new(&settings, axes, ahead);
-        prop_assert_eq!(gantry.ask("$H"), "ok\r\n");
+        let mut machine = gantry(&settings, axes, ahead);
+        prop_assert_eq!(machine.ask("$H"), ["ok"]);
         for axis in [X, Y, Z] {
-            let [first, second] = gantry.distances(axis);
+            let [first, second] = distances(&machine, axis);
             prop_assert!((first - PULL_OFF).abs() <= 1, "axis {}: {}", axis, first);
             if axes >> axis & 1 != 0 {
                 prop_assert!((second - PULL_OFF).abs() <= 1, "axis {}: {}", axis, second);
@@ -202,25 +148,22 @@ proptest! {
     }
 }
 
-/// Homes a gantry until one of its motors moves alone, the second with the sign of `ahead`.
-fn begin_squaring(ahead: i32) -> Gantry {
-    let mut gantry = Gantry::new(&settings(), 1 << Y, ahead);
-    gantry.send("$H\n");
-    gantry.run_while(60_000, |simulator, _| {
-        simulator.second_steps()[Y] - simulator.physical_steps()[Y] == ahead
-    });
-    assert_ne!(gantry.ahead(Y), ahead, "it has never moved one alone");
-    gantry
+/// Homes a gantry until one of its motors moves alone, the second with the sign of `skew`.
+fn begin_squaring(skew: i32) -> Machine {
+    let mut machine = gantry(&settings(), 1 << Y, skew);
+    machine.send("$H\n");
+    machine.run_until(|machine| ahead(machine, Y) != skew);
+    machine
 }
 
 /// After a cycle that has failed, both motors move as one.
-fn check_both_follow(gantry: &mut Gantry) {
-    let ahead = gantry.ahead(Y);
-    let before = gantry.distances(Y);
-    assert!(gantry.ask("$X").ends_with("ok\r\n"), "{}", gantry.received);
-    assert_eq!(gantry.ask("$J=G91Y-5F1000"), "ok\r\n");
-    assert_eq!(gantry.distances(Y)[0], before[0] + 5 * PER_MM);
-    assert_eq!(gantry.ahead(Y), ahead);
+fn check_both_follow(machine: &mut Machine) {
+    let skew = ahead(machine, Y);
+    let before = distances(machine, Y);
+    assert!(machine.exchange("$X\n").ends_with("ok\r\n"));
+    assert_eq!(machine.ask("$J=G91Y-5F1000"), ["ok"]);
+    assert_eq!(distances(machine, Y)[0], before[0] + 5 * PER_MM);
+    assert_eq!(ahead(machine, Y), skew);
 }
 
 #[test]
@@ -228,27 +171,31 @@ fn a_gantry_that_is_skewed_too_much_is_alarm_10() {
     // A twentieth of the travel of 200 mm.
     for ahead in [-10, 10] {
         let within = ahead * PER_MM - ahead.signum();
-        assert_eq!(Gantry::new(&settings(), 1 << Y, within).ask("$H"), "ok\r\n");
-        let mut gantry = Gantry::new(&settings(), 1 << Y, ahead * PER_MM + ahead.signum());
-        let answer = gantry.ask("$H");
+        assert_eq!(gantry(&settings(), 1 << Y, within).ask("$H"), ["ok"]);
+        let mut machine = gantry(&settings(), 1 << Y, ahead * PER_MM + ahead.signum());
+        let answer = machine.exchange("$H\n");
         assert!(answer.contains("ALARM:10"), "{answer}");
-        check_both_follow(&mut gantry);
+        check_both_follow(&mut machine);
     }
 }
 
 #[test]
 fn a_reset_while_one_motor_moves_alone_leaves_none_of_them_out() {
-    for ahead in [-400, 400] {
-        let mut gantry = begin_squaring(ahead);
-        gantry.run_while(20, |_, _| true);
-        gantry.send("\x18");
-        gantry.run_while(2000, |_, _| true);
-        assert!(gantry.received.contains("ALARM:6"), "{}", gantry.received);
-        assert_ne!(gantry.ahead(Y), ahead);
-        check_both_follow(&mut gantry);
-        assert_eq!(gantry.ask("$J=G91X-5F1000"), "ok\r\n");
-        assert_eq!(gantry.ask("$H"), "ok\r\n");
-        assert!(gantry.ahead(Y).abs() <= 1, "{} steps", gantry.ahead(Y));
+    for skew in [-400, 400] {
+        let mut machine = begin_squaring(skew);
+        machine.run(20);
+        machine.send_for("\x18", 2000);
+        let received = machine.take_received();
+        assert!(received.contains("ALARM:6"), "{received}");
+        assert_ne!(ahead(&machine, Y), skew);
+        check_both_follow(&mut machine);
+        assert_eq!(machine.ask("$J=G91X-5F1000"), ["ok"]);
+        assert_eq!(machine.ask("$H"), ["ok"]);
+        assert!(
+            ahead(&machine, Y).abs() <= 1,
+            "{} steps",
+            ahead(&machine, Y)
+        );
     }
 }
 
@@ -258,23 +205,13 @@ fn the_switch_of_a_second_motor_is_one_of_its_axis() {
         hard_limits: true,
         ..settings()
     };
-    let mut gantry = Gantry::new(&settings, 1 << Y, 0);
-    assert_eq!(gantry.ask("$H"), "ok\r\n");
-    gantry
-        .simulator
-        .set_pin(Levels::second_limits(1 << Y), true);
-    gantry.simulator.settle();
-    gantry.run_while(10, |_, _| true);
-    assert!(
-        gantry.received.contains("ALARM:1\r\n"),
-        "{}",
-        gantry.received
-    );
-    let report = gantry.report();
-    assert!(report.contains("|Pn:Y|"), "{report}");
-    assert!(
-        gantry.ask("\x18$H").contains("error:203"),
-        "{}",
-        gantry.received
-    );
+    let mut machine = gantry(&settings, 1 << Y, 0);
+    assert_eq!(machine.ask("$H"), ["ok"]);
+    machine.set_pin(Levels::second_limits(1 << Y), true);
+    machine.run(10);
+    let received = machine.take_received();
+    assert!(received.contains("ALARM:1\r\n"), "{received}");
+    assert_eq!(machine.report().field("Pn"), Some("Y"));
+    let received = machine.exchange("\x18$H\n");
+    assert!(received.contains("error:203"), "{received}");
 }

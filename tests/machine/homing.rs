@@ -192,8 +192,11 @@ fn the_position_is_live_and_a_hold_changes_nothing() {
     for _ in 0..5 {
         cell.run_ms(20);
         assert_eq!(cell.state(), State::Home);
-        let (told, is) = (cell.snapshot().steps[Z], cell.physical()[Z]);
-        assert!(told > 200 && (told - is).abs() < 8, "{told} {is}");
+        let (reported, physical) = (cell.snapshot().steps[Z], cell.physical()[Z]);
+        assert!(
+            reported > 200 && (reported - physical).abs() < 8,
+            "{reported} {physical}"
+        );
     }
     cell.run_to_end();
     assert_eq!(cell.state(), State::Idle);

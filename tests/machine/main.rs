@@ -17,5 +17,4 @@ mod status;
 mod stored_program;
 #[path = "../support/mod.rs"]
 mod support;
-mod terminal;
 mod tools;

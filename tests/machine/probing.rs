@@ -1,8 +1,8 @@
 //! Probing moves: what they tell, where they end, and what may happen on the way.
 
-use crate::support::{Cell, cases, check_limits, fast};
+use crate::support::{Cell, add_steps, cases, check_limits, fast};
 use leadscrew::{
-    axis::{AXES, Axes, X, Z},
+    axis::{Axes, X, Z},
     model::{Alarm, Levels, Notice, Probing, State},
     path::Work,
     settings::Settings,
@@ -38,9 +38,7 @@ fn cell() -> Cell {
 fn position_when(cell: &Cell, holds: impl Fn(&Axes<i32>) -> bool) -> Axes<i32> {
     let mut position = Axes::all(0);
     for edge in &cell.trace.edges {
-        for axis in (0..AXES).filter(|axis| edge.raise >> axis & 1 != 0) {
-            position[axis] += 1 - 2 * i32::from(edge.directions >> axis & 1);
-        }
+        add_steps(&mut position, edge);
         if edge.raise != 0 && holds(&position) {
             return position;
         }
@@ -85,8 +83,8 @@ fn a_miss_is_an_alarm_where_it_is_an_error() {
         assert!(!snapshot.probed.success);
         if alarm {
             assert_eq!(snapshot.state, State::Alarm);
-            let told = [Notice::Alarm(Alarm::ProbeContact), Notice::Probed];
-            assert_eq!(cell.notices(), told);
+            let expected = [Notice::Alarm(Alarm::ProbeContact), Notice::Probed];
+            assert_eq!(cell.notices(), expected);
             assert_eq!(snapshot.probed.steps[Z], 0);
             assert!(!snapshot.is_critical);
             cell.send(Work::Unlock);
@@ -197,10 +195,10 @@ fn a_contact_while_slowing_down_for_a_hold_ends_the_move_after_it() {
     assert!(cell.physical()[Z] < -400);
     cell.run_ms(100);
     assert_eq!(cell.state(), State::HoldComplete);
-    let rest = cell.physical();
+    let standstill = cell.physical();
     cell.byte(b'~');
     cell.run_to_end();
-    assert_eq!(cell.physical(), rest);
+    assert_eq!(cell.physical(), standstill);
     assert_eq!(cell.notices(), [Notice::Probed]);
     assert_eq!(cell.snapshot().probed.steps[Z], -400);
     assert_eq!(cell.state(), State::Idle);
@@ -236,8 +234,8 @@ fn a_miss_that_is_held_at_its_end_is_told_when_it_goes_on() {
         cell.run_ms(500);
         assert_eq!(cell.state(), State::Alarm);
         let notices = cell.notices();
-        let told = [Notice::Alarm(Alarm::ProbeContact), Notice::Probed];
-        assert!(notices.ends_with(&told), "{notices:?}");
+        let expected = [Notice::Alarm(Alarm::ProbeContact), Notice::Probed];
+        assert!(notices.ends_with(&expected), "{notices:?}");
         // The answer of the line waits for that.
         assert!(cell.snapshot().is_at_rest);
     }

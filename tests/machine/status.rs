@@ -3,226 +3,130 @@
 use leadscrew::{
     axis::{AXES, X},
     model::{Levels, State},
-    settings::{Settings, assign},
-    sim::{Closes, Simulator, Switch},
-    units::{TICKS_PER_MS, TICKS_PER_SECOND},
 };
 
-/// Time of a byte on the line at 115 200 baud, ticks.
-const BYTE_TICKS: u64 = TICKS_PER_SECOND as u64 * 10 / 115_200;
+use crate::support::{Machine, Report};
 
-/// A machine behind a serial line on which bytes take their time.
-struct Machine {
-    simulator: Box<Simulator>,
-    /// Time at which the line to the sender is free again.
-    free: u64,
-    received: Vec<(u64, u8)>,
+/// A machine behind a serial line of 115 200 baud.
+fn on_line(assignments: &[&str]) -> Machine {
+    let mut machine = Machine::new(assignments);
+    machine.set_baud(115_200);
+    machine
 }
 
-impl Machine {
-    fn new(assignments: &[&str]) -> Self {
-        let mut settings = Settings::default();
-        for assignment in assignments {
-            assign(&mut settings, assignment.as_bytes()).expect(assignment);
-        }
-        let mut machine = Self {
-            simulator: Box::new(Simulator::new(&settings)),
-            free: 0,
-            received: Vec::new(),
-        };
-        machine.run(100);
-        machine
+/// A report, and how long its first byte took, ms: everything sent before it has left the machine.
+fn report(machine: &mut Machine) -> (Report, f64) {
+    while machine.has_to_send() {
+        machine.run(1);
     }
+    machine.run(1);
+    machine.timed_report()
+}
 
-    /// Runs for so many milliseconds.
-    fn run(&mut self, milliseconds: u32) {
-        let end = self.simulator.now() + u64::from(milliseconds) * u64::from(TICKS_PER_MS);
-        self.run_until(end);
-    }
+/// Sends bytes, and returns what the report after them shows behind the speeds.
+fn extra_after(machine: &mut Machine, bytes: &[u8]) -> String {
+    machine.send_for(bytes, 150);
+    let (report, _) = report(machine);
+    let fields: Vec<_> = report.line.split('|').skip(3).collect();
+    fields.join("|")
+}
 
-    fn run_until(&mut self, end: u64) {
-        self.simulator.settle();
-        loop {
-            let now = self.simulator.now();
-            if now >= self.free
-                && let Some(byte) = self.simulator.send()
-            {
-                self.received.push((now, byte));
-                self.free = now + BYTE_TICKS;
-                self.simulator.settle();
-            }
-            if now >= end {
-                return;
-            }
-            let mut next = self.simulator.due().unwrap_or(end).min(end);
-            if self.simulator.has_to_send() {
-                next = next.min(self.free);
-            }
-            let _ = self.simulator.advance(next.max(now));
-        }
-    }
-
-    /// Sends bytes as fast as the line takes them.
-    fn send(&mut self, text: &[u8]) {
-        for &byte in text {
-            self.run_until(self.simulator.now() + BYTE_TICKS);
-            self.simulator.receive(byte);
-        }
-    }
-
-    /// Asks for a report, and gives its state and how long its first byte took, ms.
-    fn ask(&mut self) -> (String, f64) {
-        // Everything sent before has left the machine: the time is that of the report alone.
-        while self.simulator.has_to_send() {
-            self.run(1);
-        }
-        self.run(1);
-        self.received.clear();
-        let asked = self.simulator.now();
-        self.simulator.receive(b'?');
-        self.run(20);
-        let begin = self.received.iter().position(|(_, byte)| *byte == b'<');
-        let begin = begin.expect("no report within 20 ms");
-        let text = self.received.iter().skip(begin + 1).map(|(_, byte)| *byte);
-        let state: Vec<u8> = text.take_while(|byte| *byte != b'|').collect();
-        let took = self.received[begin].0 - asked;
-        (
-            String::from_utf8(state).expect("ASCII"),
-            took as f64 / f64::from(TICKS_PER_MS),
-        )
-    }
-
-    /// Sends bytes, and what the report after them shows behind the speeds.
-    fn extra_after(&mut self, bytes: &[u8]) -> String {
-        self.send(bytes);
-        self.run(150);
-        let _ = self.ask();
-        let text: Vec<u8> = self.received.iter().map(|(_, byte)| *byte).collect();
-        let text = String::from_utf8(text).expect("ASCII");
-        let fields = text
-            .trim_end()
-            .trim_start_matches('<')
-            .trim_end_matches('>');
-        fields.split('|').skip(3).collect::<Vec<_>>().join("|")
-    }
-
-    /// Asks again and again, at odd times, while the machine is in a state.
-    fn asks(&mut self, state: &str) {
-        for pause in [0, 1, 3, 7, 2] {
-            let (found, took_ms) = self.ask();
-            assert_eq!(found, state);
-            assert!(took_ms <= 5.0, "{state}: {took_ms} ms");
-            self.run(pause);
-        }
+/// Takes several reports, at odd times, while the machine is in a state.
+fn assert_reports(machine: &mut Machine, state: &str) {
+    for pause_ms in [0, 1, 3, 7, 2] {
+        let (report, latency_ms) = report(machine);
+        assert_eq!(report.state(), state);
+        assert!(latency_ms <= 5.0, "{state}: {latency_ms} ms");
+        machine.run(pause_ms);
     }
 }
 
 #[test]
 fn a_report_comes_within_5_ms_in_every_state_of_a_program() {
-    let mut machine = Machine::new(&["110=6000", "120=100"]);
-    machine.asks("Idle");
+    let mut machine = on_line(&["110=6000", "120=100"]);
+    assert_reports(&mut machine, "Idle");
     // More moves than the look-ahead and the queues hold, and bytes behind them.
     let lines = (1..=160).map(|k| format!("G1X{k}F600\n"));
     let lines = lines.collect::<Vec<_>>().concat();
     let many = lines.len();
     for (sent, byte) in lines.bytes().enumerate() {
-        if machine.simulator.received_free() < 2 {
+        if machine.received_free() < 2 {
             assert!(sent < many, "the look-ahead is never full");
             break;
         }
-        machine.send(&[byte]);
+        machine.send([byte]);
     }
-    assert_eq!(machine.simulator.snapshot().blocks_free, 0);
-    machine.asks("Run");
-    machine.send(b"!");
-    machine.run(1500);
-    machine.asks("Hold:0");
-    machine.send(b"\x84");
-    machine.run(500);
-    machine.asks("Door:0");
-    machine.send(b"\x18");
-    machine.run(200);
-    machine.asks("Idle");
-    machine.send(b"G4P2\n");
-    machine.run(100);
-    machine.asks("Idle");
+    assert_eq!(machine.snapshot().blocks_free, 0);
+    assert_reports(&mut machine, "Run");
+    for (bytes, ms, state) in [
+        (&b"!"[..], 1500, "Hold:0"),
+        (b"\x84", 500, "Door:0"),
+        (b"\x18", 200, "Idle"),
+        (b"G4P2\n", 100, "Idle"),
+    ] {
+        machine.send_for(bytes, ms);
+        assert_reports(&mut machine, state);
+    }
     machine.run(2000);
-    machine.send(b"M0\n");
-    machine.run(100);
-    machine.asks("Hold:0");
-    machine.send(b"~");
-    machine.run(100);
-    machine.send(b"$J=G91X-50F300\n");
-    machine.run(300);
-    machine.asks("Jog");
-    machine.send(b"\x18");
-    machine.run(500);
-    machine.asks("Alarm");
+    machine.send_for(b"M0\n", 100);
+    assert_reports(&mut machine, "Hold:0");
+    machine.send_for(b"~", 100);
+    machine.send_for(b"$J=G91X-50F300\n", 300);
+    assert_reports(&mut machine, "Jog");
+    machine.send_for(b"\x18", 500);
+    assert_reports(&mut machine, "Alarm");
 }
 
 #[test]
 fn a_report_comes_within_5_ms_while_homing_checking_and_asleep() {
-    let mut machine = Machine::new(&["22=1"]);
-    for axis in 0..AXES.min(3) {
-        assert!(machine.simulator.mount(Switch {
-            axis,
-            closes: Closes::From(2000),
-            input: Levels::limits(1 << axis),
-        }));
-    }
-    machine.asks("Alarm");
-    machine.send(b"$H\n");
-    machine.run(50);
-    while machine.simulator.snapshot().state == State::Home {
-        let (state, took_ms) = machine.ask();
-        if machine.simulator.snapshot().state == State::Home {
-            assert_eq!(state, "Home");
+    let mut machine = on_line(&["22=1"]);
+    machine.mount_limits([2000; 3]);
+    assert_reports(&mut machine, "Alarm");
+    machine.send_for(b"$H\n", 50);
+    while machine.state() == State::Home {
+        let (report, latency_ms) = report(&mut machine);
+        if machine.state() == State::Home {
+            assert_eq!(report.state(), "Home");
         }
-        assert!(took_ms <= 5.0, "{took_ms} ms");
+        assert!(latency_ms <= 5.0, "{latency_ms} ms");
         machine.run(97);
     }
-    machine.asks("Idle");
-    machine.send(b"$C\n");
-    machine.run(50);
-    machine.asks("Check");
-    machine.send(b"$C\n");
-    machine.run(200);
-    machine.send(b"$SLP\n");
-    machine.run(50);
-    machine.asks("Sleep");
+    assert_reports(&mut machine, "Idle");
+    machine.send_for(b"$C\n", 50);
+    assert_reports(&mut machine, "Check");
+    machine.send_for(b"$C\n", 200);
+    machine.send_for(b"$SLP\n", 50);
+    assert_reports(&mut machine, "Sleep");
 }
 
 #[test]
 fn a_report_comes_within_5_ms_after_an_alarm_that_only_a_reset_ends() {
-    let mut machine = Machine::new(&["21=1", "22=1", "20=1"]);
-    machine.send(b"$X\nG0X10\n");
-    machine.run(500);
-    machine.asks("Alarm");
-    assert!(machine.simulator.snapshot().is_critical);
-    machine.send(b"\x18");
-    machine.run(200);
-    machine.send(b"$X\nG0X-10\n");
+    let mut machine = on_line(&["21=1", "22=1", "20=1"]);
+    machine.send_for(b"$X\nG0X10\n", 500);
+    assert_reports(&mut machine, "Alarm");
+    assert!(machine.snapshot().is_critical);
+    machine.send_for(b"\x18", 200);
+    machine.send_for(b"$X\nG0X-10\n", 100);
+    machine.set_pin(Levels::limits(1 << X), true);
     machine.run(100);
-    machine.simulator.set_pin(Levels::limits(1 << X), true);
-    machine.run(100);
-    machine.asks("Alarm");
-    assert!(machine.simulator.snapshot().is_critical);
+    assert_reports(&mut machine, "Alarm");
+    assert!(machine.snapshot().is_critical);
 }
 
 #[test]
 fn a_limit_switch_is_guarded_before_the_first_motion() {
-    let mut machine = Machine::new(&["21=1"]);
-    machine.simulator.set_pin(Levels::limits(1 << X), true);
+    let mut machine = on_line(&["21=1"]);
+    machine.set_pin(Levels::limits(1 << X), true);
     machine.run(100);
-    machine.asks("Alarm");
-    assert!(machine.simulator.snapshot().is_critical);
+    assert_reports(&mut machine, "Alarm");
+    assert!(machine.snapshot().is_critical);
 }
 
 #[test]
 fn spindle_coolant_and_overrides_are_shown_after_each_command_to_them() {
     const OVERRIDES: &str = "Ov:100,100,100";
     const OFFSET: &str = "WCO:0.000,0.000,0.000";
-    let mut machine = Machine::new(&["32=1"]);
+    let mut machine = on_line(&["32=1"]);
     for (bytes, shown) in [
         (&b""[..], OFFSET),
         (b"", OVERRIDES),
@@ -247,7 +151,7 @@ fn spindle_coolant_and_overrides_are_shown_after_each_command_to_them() {
         (b"$SLP\n", OVERRIDES),
         (b"", ""),
     ] {
-        let found = machine.extra_after(bytes);
+        let found = extra_after(&mut machine, bytes);
         // Of the first three axes.
         let found = found.replace(&format!("{OFFSET}{}", ",0.000".repeat(AXES - 3)), OFFSET);
         let text = String::from_utf8_lossy(bytes);
@@ -257,13 +161,45 @@ fn spindle_coolant_and_overrides_are_shown_after_each_command_to_them() {
 
 #[test]
 fn what_a_line_switches_is_shown_once_it_is_switched() {
-    let mut machine = Machine::new(&["110=6000", "120=100"]);
+    let mut machine = on_line(&["110=6000", "120=100"]);
     for _ in 0..2 {
-        let _ = machine.extra_after(b"");
+        let _ = extra_after(&mut machine, b"");
     }
-    assert_eq!(machine.extra_after(b"G1X5F600\n"), "");
-    assert_eq!(machine.extra_after(b"M3S500\n"), "");
+    assert_eq!(extra_after(&mut machine, b"G1X5F600\n"), "");
+    assert_eq!(extra_after(&mut machine, b"M3S500\n"), "");
     machine.run(1000);
-    assert_eq!(machine.extra_after(b""), "Ov:100,100,100|A:S");
-    assert_eq!(machine.extra_after(b""), "");
+    assert_eq!(extra_after(&mut machine, b""), "Ov:100,100,100|A:S");
+    assert_eq!(extra_after(&mut machine, b""), "");
+}
+
+#[test]
+fn coolant_is_shown_after_each_command_to_it_and_when_it_is_restored() {
+    const OFF: &str = "Ov:100,100,100";
+    const FLOOD: &str = "Ov:100,100,100|A:F";
+    let mut machine = on_line(&[]);
+    for _ in 0..2 {
+        let _ = extra_after(&mut machine, b"");
+    }
+    assert_eq!(extra_after(&mut machine, b"M8\n"), FLOOD);
+    assert_eq!(extra_after(&mut machine, b""), "");
+    assert_eq!(extra_after(&mut machine, b"\x84"), OFF);
+    assert_eq!(extra_after(&mut machine, b""), "");
+    assert_eq!(extra_after(&mut machine, b"~"), FLOOD);
+    machine.run(6000);
+    assert_eq!(extra_after(&mut machine, b"M9\n"), OFF);
+    assert_eq!(extra_after(&mut machine, b""), "");
+    assert_eq!(extra_after(&mut machine, b"\x84"), OFF);
+    // Nothing is restored.
+    for bytes in [&b"~"[..], b""] {
+        let found = extra_after(&mut machine, bytes);
+        assert!(!found.contains("Ov"), "{found}");
+    }
+}
+
+#[test]
+fn coolant_that_a_key_has_switched_is_in_effect_for_the_next_line() {
+    let mut machine = on_line(&[]);
+    machine.send_for(b"\xa0$G\n", 20);
+    let received = machine.take_received();
+    assert!(received.contains(" M8 "), "{received}");
 }

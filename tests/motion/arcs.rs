@@ -3,7 +3,8 @@
 use std::f64::consts::TAU;
 
 use crate::support::{
-    self, Rig, Trace, arc, at, cases, check_limits, check_path, line, number, target_steps, with,
+    self, Rig, Trace, arc, at, cases, check_limits, check_path, each, line, number, target_steps,
+    with,
 };
 use leadscrew::{
     axis::Axes,
@@ -170,8 +171,11 @@ fn check_from_start(settings: &Settings, commands: &[Command; 2]) -> f64 {
 fn a_tiny_arc_is_never_a_full_circle() {
     let settings = with(&[250.0], &[3000.0], &[500.0]);
     for radius in [0.01, 1.0, 250.0] {
-        for way in [0.000_001, 0.000_5, 0.003, 0.02] {
-            let angle = f64::to_degrees(way / radius);
+        for length in [0.000_001, 0.003, 0.000_5, 0.02]
+            .into_iter()
+            .step_by(each(2))
+        {
+            let angle = f64::to_degrees(length / radius);
             for rotation in ROTATIONS {
                 let sign = if rotation == Rotation::Clockwise {
                     -1.0
@@ -292,7 +296,7 @@ const NUDGED: f64 = 160.0;
 
 /// An arc from one angle on, rad, between two lines, behind a line of so many steps, less than half of
 /// one.
-fn behind_a_nudge(
+fn after_nudge(
     nudge: [f64; 2],
     radius: f64,
     [from, travel]: [f64; 2],
@@ -340,7 +344,7 @@ fn check_nudged(acceleration: f32, ramp_s: f32, commands: &[Command]) {
 #[test]
 fn a_small_arc_behind_a_move_without_a_step_ends_without_a_jump() {
     let angles = [0.0, 0.3];
-    let commands = behind_a_nudge([0.0, -0.436], 0.050_66, angles, Rotation::Clockwise, 1);
+    let commands = after_nudge([0.0, -0.436], 0.050_66, angles, Rotation::Clockwise, 1);
     check_nudged(100.0, 0.0, &commands);
 }
 
@@ -358,7 +362,7 @@ proptest! {
         ramp_s in prop_oneof![Just(0.0_f32), 0.003..0.1_f32],
         rotation in prop::sample::select(&ROTATIONS[..]),
     ) {
-        let commands = behind_a_nudge(nudge, radius, [from, travel], rotation, turns);
+        let commands = after_nudge(nudge, radius, [from, travel], rotation, turns);
         check_nudged(acceleration, ramp_s, &commands);
     }
 }

@@ -1,20 +1,17 @@
 //! Cutter compensation on random contours: no step is nearer to a contour than the cutter's radius.
 //!
-//! The contours, the way beside them and the distances are computed by [`geometry`], which uses nothing
+//! The contours, their offset curves and the distances are computed by [`geometry`], which uses nothing
 //! of the firmware.
 
 mod geometry;
 mod job;
 mod misfit;
 
-use leadscrew::{
-    settings::Settings,
-    sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
-};
+use leadscrew::{axis::Axes, settings::Settings, sim::Simulator};
 use proptest::prelude::*;
 
-use crate::support::{cases, with};
-use geometry::{Piece, Point, Way, length, minus};
+use crate::support::{Recording, cases, stream, with};
+use geometry::{Piece, Point, ToolPath, length, minus};
 use job::{Form, wide_contours};
 use misfit::MISFITS;
 
@@ -27,31 +24,9 @@ const NEARER_MM: f64 = 2.0 * STEP_MM;
 
 /// What the machine did.
 struct Executed {
-    axes: [usize; 2],
     /// The position after each step, steps.
     points: Vec<[i32; 2]>,
     answers: Vec<String>,
-}
-
-impl Watcher for Executed {
-    fn edge(&mut self, edge: &Edge) {
-        let steps = |axis: usize| match (edge.raise >> axis & 1, edge.directions >> axis & 1) {
-            (0, _) => 0,
-            (_, 0) => 1,
-            _ => -1,
-        };
-        if edge.raise != 0 {
-            let [x, y] = self.points.last().copied().unwrap_or_default();
-            let [first, second] = self.axes.map(steps);
-            self.points.push([x + first, y + second]);
-        }
-    }
-
-    fn answer(&mut self, _: u64, answer: &[u8]) {
-        self.answers.push(String::from_utf8_lossy(answer).into());
-    }
-
-    fn message(&mut self, _: u64, _: &[u8]) {}
 }
 
 impl Executed {
@@ -74,15 +49,14 @@ fn settings() -> Settings {
 /// Runs lines on the whole machine.
 fn execute(form: Form, lines: &[String]) -> Executed {
     let program = lines.join("\n");
-    let mut simulator = Box::new(Simulator::new(&settings()));
-    let mut executed = Executed {
-        axes: form.axes(),
-        points: Vec::new(),
-        answers: Vec::new(),
-    };
-    let end = Stream::new(&mut *simulator, program.bytes(), 1_000_000).run(&mut executed);
-    assert_eq!(end, StreamEnd::Complete, "{lines:#?}");
-    executed
+    let Recording {
+        positions, answers, ..
+    } = stream(Simulator::new(&settings()), &program, 1_000_000);
+    let point = |(_, steps): (u64, Axes<i32>)| form.axes().map(|axis| steps[axis]);
+    Executed {
+        points: positions.into_iter().map(point).collect(),
+        answers,
+    }
 }
 
 /// No step is nearer to pieces of a contour than the tool's radius.
@@ -109,9 +83,9 @@ fn check_distances(
 }
 
 /// Every move of a way has ended where it should, one after the other.
-fn check_ends(executed: &Executed, way: &Way) -> Result<(), TestCaseError> {
+fn check_ends(executed: &Executed, tool_path: &ToolPath) -> Result<(), TestCaseError> {
     let mut index = 0;
-    for (path, _) in way {
+    for (path, _) in tool_path {
         let end = path.end();
         let mut nearest = f64::INFINITY;
         while index < executed.points.len() {
@@ -152,11 +126,11 @@ fn path_control_rounds_the_way_of_the_cutter() {
     };
     // Into a corner, around one, and out.
     let contour = ["G42.1D2", "G1X0Y0", "Y20", "X20", "Y30", "G40", "G1X40Y40"];
-    let way = ["G1X1Y0", "Y19", "X20", "G3X21Y20J1", "G1Y30", "X40Y40"];
+    let tool_path = ["G1X1Y0", "Y19", "X20", "G3X21Y20J1", "G1Y30", "X40Y40"];
     let rounded = executed("G64P0.2", &contour);
-    assert_eq!(rounded, executed("G64P0.2", &way));
-    assert_eq!(executed("G61", &contour), executed("G61", &way));
-    assert_ne!(rounded, executed("G61", &way), "no corner is rounded");
+    assert_eq!(rounded, executed("G64P0.2", &tool_path));
+    assert_eq!(executed("G61", &contour), executed("G61", &tool_path));
+    assert_ne!(rounded, executed("G61", &tool_path), "no corner is rounded");
 }
 
 proptest! {
@@ -164,14 +138,14 @@ proptest! {
 
     #[test]
     fn a_compensated_tool_is_nowhere_nearer_to_a_contour_than_its_radius(job in wide_contours()) {
-        let way = job.way().unwrap();
+        let tool_path = job.tool_path().unwrap();
         let mut lines = job.program();
         let exit = job.exit();
         lines.extend(["G40".into(), job.form.text(&exit, false)]);
         let executed = execute(job.form, &lines);
         prop_assert!(executed.answers.iter().all(|answer| answer == "ok"), "{:?} {:#?}", executed.answers, lines);
         check_distances(&executed, &job.contour, job.radius)?;
-        check_ends(&executed, &way)?;
+        check_ends(&executed, &tool_path)?;
         prop_assert!(length(minus(executed.end(), exit.end())) <= AT_END_MM);
     }
 }
@@ -187,9 +161,9 @@ proptest! {
         angle in 0.0..1.0_f64,
     ) {
         let mut job = job;
-        let way = job.way().unwrap();
+        let tool_path = job.tool_path().unwrap();
         let contour = job.contour.clone();
-        let stands = misfit.add(&mut job, &way, size, angle);
+        let stands = misfit.add(&mut job, &tool_path, size, angle);
         prop_assume!(stands.is_some());
         let stands = stands.unwrap();
         let lines = job.program();

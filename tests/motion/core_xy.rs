@@ -2,7 +2,7 @@
 
 use crate::support::{
     Rig, Trace, arc, at, cases, check_limits, check_path, follow, line, line_at, number,
-    pieces_of_ways, slack, target, target_steps, with,
+    pieces_of_blended, slack, target, target_steps, with,
 };
 use leadscrew::{
     axis::{Axes, X, Y, Z},
@@ -132,7 +132,7 @@ proptest! {
         rig.control = PathControl::Continuous { tolerance_nm: 1000 * tolerance_um, merging_nm: 0 };
         rig.run(&commands, &[]);
         rig.trace.check_pulses();
-        let pieces = pieces_of_ways(&settings, &rig.ways);
+        let pieces = pieces_of_blended(&settings, &rig.blended);
         follow(&settings, &pieces, &rig.trace, 1.0);
         check_limits(&settings, &rig.trace);
         let end = commands.iter().rev().find_map(target);
@@ -170,10 +170,10 @@ fn a_motor_that_turns_alone_moves_as_the_motor_of_an_axis_does() {
                     .collect()
             };
             for (core, cartesian) in times(&core).into_iter().zip(times(&cartesian)) {
-                let apart = core.abs_diff(cartesian);
+                let difference = core.abs_diff(cartesian);
                 assert!(
-                    apart <= 4 + cartesian / 10_000,
-                    "{apart} of {cartesian} ticks"
+                    difference <= 4 + cartesian / 10_000,
+                    "{difference} of {cartesian} ticks"
                 );
             }
         }

@@ -9,7 +9,7 @@ use leadscrew::{
     stepper::{IntegerArc, StepRule},
 };
 
-use crate::{integer_arcs::places, support::factor};
+use crate::{integer_arcs::places, support::each};
 
 const ROTATIONS: [Rotation; 2] = [Rotation::CounterClockwise, Rotation::Clockwise];
 
@@ -108,7 +108,7 @@ fn count(radius: i32) -> [[usize; 3]; 2] {
 
 /// The radii of the tables; the greatest only where tests may take long.
 fn radii() -> &'static [i32] {
-    if factor() > 1 {
+    if each(2) == 1 {
         &[10, 50, 100]
     } else {
         &[10, 50]

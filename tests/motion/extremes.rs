@@ -26,8 +26,9 @@ fn check(settings: &Settings, commands: &[Command]) -> Trace {
 fn mean_speed(settings: &Settings, trace: &Trace, axis: usize) -> f64 {
     let steps = trace.steps(axis);
     let (first, last) = (steps[0], steps[steps.len() - 1]);
-    let way = f64::from((last.position - first.position).abs());
-    way / f64::from(settings.steps_per_mm[axis].to_f32()) / (last.seconds - first.seconds) * 60.0
+    let distance = f64::from((last.position - first.position).abs());
+    distance / f64::from(settings.steps_per_mm[axis].to_f32()) / (last.seconds - first.seconds)
+        * 60.0
 }
 
 #[test]

@@ -1,16 +1,16 @@
 //! Step events that run out in motion, and clocks that wrap.
 
-use crate::support::{RESET, TICKS_PER_S, line, receive, with};
+use crate::support::{RESET, TICKS_PER_S, add_steps, each, line, receive, with};
 use leadscrew::{
     axis::Axes,
     model::{Requests, State},
     path::{Entry, Router, Work},
     settings::{Settings, StepRate},
-    sim::{Drive, Edge},
+    sim::Drive,
 };
 
 /// The drive on a clock of its own; `prepare` runs only when it is told to.
-struct Machine {
+struct ManualDrive {
     drive: Drive,
     router: Router,
     requests: Requests,
@@ -20,7 +20,7 @@ struct Machine {
     steps: Axes<i32>,
 }
 
-impl Machine {
+impl ManualDrive {
     fn new(settings: &Settings) -> Self {
         Self {
             drive: Drive::new(settings),
@@ -56,20 +56,8 @@ impl Machine {
             return false;
         };
         self.now = edge.ticks;
-        self.count(&edge);
+        add_steps(&mut self.steps, &edge);
         self.drive.due().is_some()
-    }
-
-    fn count(&mut self, edge: &Edge) {
-        for (axis, steps) in self.steps.iter_mut().enumerate() {
-            if edge.raise >> axis & 1 != 0 {
-                *steps += if edge.directions >> axis & 1 == 0 {
-                    1
-                } else {
-                    -1
-                };
-            }
-        }
     }
 
     /// Plays everything, with `prepare` in time.
@@ -92,11 +80,11 @@ impl Machine {
     }
 }
 
-/// Starves the step interrupt after some events, then looks that nothing but a reset helps.
+/// Starves the step interrupt after some events, then checks that nothing but a reset helps.
 fn starve(settings: &Settings, events: usize) {
-    let mut machine = Machine::new(settings);
-    for way in [20.0, -20.0, 30.0, 10.0, 5.0] {
-        machine.go(&[way, way * 0.7, -way * 0.3]);
+    let mut machine = ManualDrive::new(settings);
+    for x in [20.0, -20.0, 30.0, 10.0, 5.0] {
+        machine.go(&[x, x * 0.7, -x * 0.3]);
     }
     machine.prepare();
     for _ in 0..events {
@@ -134,7 +122,6 @@ fn starve(settings: &Settings, events: usize) {
 #[test]
 fn nothing_is_executed_after_events_ran_out_until_a_reset() {
     let slow = with(&[80.0, 100.0, 400.0], &[5000.0], &[500.0]);
-    // Here the queue of events is full before 4 ms are: events run out in the middle of a segment.
     let quick = Settings {
         step_pulse_us: 3,
         ..with(&[2000.0], &[3600.0], &[100_000.0])
@@ -148,7 +135,7 @@ fn nothing_is_executed_after_events_ran_out_until_a_reset() {
 
 #[test]
 fn a_starved_dwell_ends_and_locks() {
-    let mut machine = Machine::new(&Settings::default());
+    let mut machine = ManualDrive::new(&Settings::default());
     machine.send(Work::Dwell(1000));
     machine.prepare();
     while machine.step() {}
@@ -160,7 +147,7 @@ fn a_starved_dwell_ends_and_locks() {
 fn no_clock_that_wraps_is_noticed() {
     let settings = with(&[80.0, 100.0, 400.0], &[5000.0], &[500.0]);
     // The clock of 84 MHz wraps after 51.13 s: moves begin, run and end around three of them.
-    let mut machine = Machine::new(&settings);
+    let mut machine = ManualDrive::new(&settings);
     let wrap = u64::from(u32::MAX) + 1;
     let mut wraps = 0;
     let mut side = 1.0;
@@ -187,7 +174,7 @@ fn no_clock_that_wraps_is_noticed() {
 fn an_hour_of_standstill_and_moves_keeps_its_steps() {
     // Slow axes, so that an hour has few steps; the clock wraps 70 times.
     let settings = with(&[1.0, 0.5, 2.0], &[300.0, 200.0, 90.0], &[20.0]);
-    let mut machine = Machine::new(&settings);
+    let mut machine = ManualDrive::new(&settings);
     let hour = 3600 * TICKS_PER_S as u64;
     let mut side = 3.0;
     while machine.now < hour {
@@ -208,8 +195,8 @@ fn the_densest_motion_is_prepared_in_time_from_one_segment_to_the_next() {
             step_rate: StepRate::Proven(500_000),
             ..with(&[1000.0, 970.0, 1010.0], &[1.0e6], &[acceleration])
         };
-        let mut machine = Machine::new(&settings);
-        for k in 1..40 {
+        let mut machine = ManualDrive::new(&settings);
+        for k in (1..40).step_by(each(5)) {
             let far = f64::from(k * 17 % 40);
             machine.go(&[far, far * 0.97 - 1.0, 3.0 - far * 0.9]);
             machine.play();
@@ -228,11 +215,34 @@ fn all_axes_at_once_make_no_more_steps_than_are_proven() {
         step_pulse_us: 3,
         ..with(&[1000.0], &[1.0e6], &[20_000.0])
     };
-    let mut machine = Machine::new(&settings);
+    let mut machine = ManualDrive::new(&settings);
     machine.go(&[200.0; 6]);
     machine.play();
     let seconds = machine.now as f64 / TICKS_PER_S;
     let steps: i32 = machine.steps.iter().sum();
     let rate = f64::from(steps) / seconds;
     assert!((149_000.0..150_000.0).contains(&rate), "{rate} steps/s");
+}
+
+#[test]
+fn a_homing_cycle_whose_events_ran_out_ends() {
+    let settings = Settings {
+        homing: true,
+        ..with(&[80.0], &[5000.0], &[500.0])
+    };
+    let mut machine = ManualDrive::new(&settings);
+    machine.send(Work::Home(0));
+    machine.prepare();
+    for _ in 0..100 {
+        assert!(machine.step());
+        machine.prepare();
+    }
+    while machine.step() {}
+    let stopped = machine.steps;
+    machine.play();
+    assert!(machine.drive.snapshot().has_underrun);
+    machine.reset();
+    machine.play();
+    assert_eq!(machine.drive.snapshot().state, State::Alarm);
+    assert_eq!(machine.steps, stopped, "nothing is searched any more");
 }

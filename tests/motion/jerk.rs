@@ -1,15 +1,11 @@
 //! Motion with limits of jerk, as the step pins show it.
 
+use crate::moves::{acts, check_disturbed, lines};
 use crate::support::{
-    self, Act, Rig, Trace, Trapezoid, at, cases, check_limits, check_path, interval_error_rms,
-    line, line_at, number, slack, target, target_steps, with,
+    self, Rig, Trace, Trapezoid, at, cases, check_limits, each, interval_error_rms, line, line_at,
+    number, target, target_steps, with,
 };
-use leadscrew::{
-    axis::Axes,
-    model::{Command, FeedRate},
-    settings::Settings,
-    units::{Nm, TICKS_PER_MS},
-};
+use leadscrew::{axis::Axes, model::FeedRate, settings::Settings, units::TICKS_PER_MS};
 use proptest::prelude::*;
 
 const DOOR: u8 = 0x84;
@@ -30,19 +26,19 @@ struct Mean {
 
 impl Mean {
     /// Time at which each distance is reached, rising.
-    fn when(&self, ways: impl Iterator<Item = f64>) -> Vec<f64> {
+    fn when(&self, distances: impl Iterator<Item = f64>) -> Vec<f64> {
         const DT: f64 = 2.0e-6;
-        let way = |t: f64| self.trapezoid.way(t);
-        let speed = |t: f64| (way(t) - way(t - self.window)) / self.window;
+        let distance = |t: f64| self.trapezoid.distance(t);
+        let speed = |t: f64| (distance(t) - distance(t - self.window)) / self.window;
         let (mut t, mut done, mut before) = (0.0, 0.0, 0.0);
         let mut times = Vec::new();
-        for way in ways {
-            while done < way && t < 10.0 {
+        for distance in distances {
+            while done < distance && t < 10.0 {
                 before = done;
                 done += 0.5 * (speed(t) + speed(t + DT)) * DT;
                 t += DT;
             }
-            times.push(t - DT * (done - way) / (done - before).max(1.0e-12));
+            times.push(t - DT * (done - distance) / (done - before).max(1.0e-12));
         }
         times
     }
@@ -70,12 +66,19 @@ fn hardest_jerk(trace: &Trace, axis: usize, per_mm: f64, window_s: f64) -> f64 {
 #[test]
 fn a_line_is_the_third_order_optimum() {
     let settings = machine(10_000.0);
-    let way = [100.0_f64, 61.8, 38.2];
-    let trace = Rig::play(&settings, &number(&[line(&way, 6000.0)]));
+    let displacement = [100.0_f64, 61.8, 38.2];
+    let trace = Rig::play(&settings, &number(&[line(&displacement, 6000.0)]));
     trace.check_pulses();
     check_limits(&settings, &trace);
-    assert_eq!(trace.net_steps(), target_steps(&settings, &at(&way)));
-    let length = way.iter().map(|way| way * way).sum::<f64>().sqrt();
+    assert_eq!(
+        trace.net_steps(),
+        target_steps(&settings, &at(&displacement))
+    );
+    let length = displacement
+        .iter()
+        .map(|displacement| displacement * displacement)
+        .sum::<f64>()
+        .sqrt();
     let ideal = Mean {
         trapezoid: Trapezoid {
             length,
@@ -89,14 +92,14 @@ fn a_line_is_the_third_order_optimum() {
     println!("{whole:.4} s of {optimum:.4} s");
     assert!(whole <= optimum * 1.005, "{whole}");
     let start = trace.starts[0] as f64 / support::TICKS_PER_S;
-    for (axis, way) in way.into_iter().enumerate() {
+    for (axis, displacement) in displacement.into_iter().enumerate() {
         let per_mm = f64::from(settings.steps_per_mm[axis].to_f32());
         let steps = trace.steps(axis);
         let times: Vec<f64> = steps.iter().map(|step| step.seconds - start).collect();
-        let ways = steps
+        let distances = steps
             .iter()
-            .map(|step| (f64::from(step.position) - 0.5) / per_mm * length / way);
-        let rms = interval_error_rms(&times, &ideal.when(ways));
+            .map(|step| (f64::from(step.position) - 0.5) / per_mm * length / displacement);
+        let rms = interval_error_rms(&times, &ideal.when(distances));
         let jerk = hardest_jerk(&trace, axis, per_mm, 0.004);
         println!(
             "axis {axis}: interval error {:.3} % rms, jerk {jerk:.0} mm/s³",
@@ -121,7 +124,7 @@ fn a_hold_in_a_cruise_takes_5_ms_more_than_the_limits_allow() {
         };
         // 100 mm/s at 500 mm/s², and half of the acceleration's own time.
         let shortest_mm = 10.0 + 100.0 * 0.5 * ramp_s;
-        for instant in 0..100_u64 {
+        for instant in (0..100_u64).step_by(each(25)) {
             let asked = 500 * u64::from(TICKS_PER_MS) + 95_027 * instant;
             let resume = (asked + 100_000_000, b'~');
             let mut rig = Rig::new(&settings);
@@ -168,24 +171,12 @@ fn a_hold_and_a_cancelled_jog_take_two_windows_more_than_the_trapezoid() {
     }
 }
 
-/// Lines, some of them rapid or short.
-fn lines() -> impl Strategy<Value = Vec<Command>> {
-    let coordinate = prop_oneof![
-        4 => -3_000_000..3_000_000_i64,
-        2 => -30_000..30_000_i64,
-        1 => Just(0_i64),
-    ];
-    let feed_rate = prop_oneof![
+/// Rapids and feed rates.
+fn feed_rates() -> impl Strategy<Value = FeedRate> {
+    prop_oneof![
         Just(FeedRate::Rapid),
         (20.0..12_000.0_f32).prop_map(FeedRate::Feed),
-    ];
-    let line = (prop::array::uniform3(coordinate), feed_rate).prop_map(|(nm, feed_rate)| {
-        line_at(
-            Axes::from_fn(|axis| nm.get(axis).map_or(Nm(0), |nm| Nm(*nm))),
-            feed_rate,
-        )
-    });
-    prop::collection::vec(line, 1..12)
+    ]
 }
 
 /// Machines whose acceleration takes 1 to 150 ms.
@@ -206,36 +197,42 @@ fn machines() -> impl Strategy<Value = Settings> {
         })
 }
 
-fn acts(bytes: &'static [u8]) -> impl Strategy<Value = Vec<Act>> {
-    let byte = prop::sample::select(bytes);
-    prop::collection::vec((0..700_u64, byte), 0..16).prop_map(|mut acts| {
-        acts.sort_unstable();
-        acts.into_iter()
-            .map(|(ms, byte)| (ms * u64::from(TICKS_PER_MS) + 7919 * ms, byte))
-            .collect()
-    })
-}
-
 proptest! {
     #![proptest_config(cases(12))]
 
     #[test]
     fn no_order_of_events_loses_a_step_or_breaks_a_limit(
         settings in machines(),
-        commands in lines(),
-        acts in acts(&[0x90, 0x91, 0x92, 0x91, 0x92, 0x95, 0x96, 0x97, b'!', b'~', b'~', DOOR, RESET]),
+        commands in lines(feed_rates()),
+        acts in acts(&[0x90, 0x91, 0x92, 0x91, 0x92, 0x95, 0x96, 0x97, b'!', b'~', b'~', DOOR, RESET], 16),
         feed_ticks in prop::sample::select(vec![0, 100_000, 3_000_000_u64]),
     ) {
-        let commands = number(&commands);
-        let mut rig = Rig::new(&settings);
-        rig.feed_ticks = feed_ticks;
-        rig.run(&commands, &acts);
-        rig.trace.check_pulses();
-        check_limits(&settings, &rig.trace);
-        if rig.trace.resets.is_empty() {
-            check_path(&settings, &commands, &rig.trace, slack(&settings, &commands));
+        let trace = check_disturbed(&settings, &commands, &acts, feed_ticks);
+        if trace.resets.is_empty() {
             let end = commands.last().and_then(target).unwrap();
-            prop_assert_eq!(rig.trace.net_steps(), target_steps(&settings, &end));
+            prop_assert_eq!(trace.net_steps(), target_steps(&settings, &end));
         }
+    }
+}
+
+#[test]
+fn a_line_in_parts_before_a_slower_one_takes_no_longer_than_in_one() {
+    let settings = machine(10_000.0);
+    let seconds = |ends: &[f64]| {
+        let ways = ends.iter().map(|end| line(&[*end], 4000.0));
+        let mut moves: Vec<_> = ways.collect();
+        moves.push(line(&[9.0], 1200.0));
+        let trace = Rig::play(&settings, &number(&moves));
+        check_limits(&settings, &trace);
+        trace.whole_seconds()
+    };
+    let whole = seconds(&[7.0]);
+    // A part is shorter than the way on which the machine slows down.
+    for parts in [&[5.0, 7.0][..], &[6.0, 7.0], &[5.0, 6.0, 7.0]] {
+        let in_parts = seconds(parts);
+        assert!(
+            in_parts <= whole + 0.001,
+            "{parts:?}: {in_parts} s of {whole} s"
+        );
     }
 }

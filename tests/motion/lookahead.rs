@@ -3,11 +3,11 @@
 use crate::support::{self, Rig, arc, cases, check_limits, line, line_at, number, with};
 use leadscrew::{
     axis::Axes,
-    model::{Command, FeedRate, Plane, Rotation},
+    model::{Command, FeedRate, Override, Plane, Rotation},
     motion::{BLOCKS, LookAhead},
     path::{Block, Router, Work},
     settings::Settings,
-    units::Nm,
+    units::{Nm, TICKS_PER_MS},
 };
 use proptest::prelude::*;
 
@@ -56,10 +56,10 @@ impl Rule {
         let mut total = 0.0;
         let ds = self.length / PARTS as f64;
         let speed_sqr = |n: usize| {
-            let way = ds * n as f64;
+            let distance = ds * n as f64;
             self.top_sqr
-                .min(self.reach(entry_sqr, way))
-                .min(self.reach(exit_sqr, (self.length - way).max(0.0)))
+                .min(self.reach(entry_sqr, distance))
+                .min(self.reach(exit_sqr, (self.length - distance).max(0.0)))
         };
         let mut before = speed_sqr(0).sqrt();
         for n in 1..=PARTS {
@@ -161,9 +161,9 @@ fn programs(moves: usize) -> impl Strategy<Value = Vec<Command>> {
     prop::collection::vec(step, 2..moves).prop_map(|steps| {
         let mut at = [0.0; 3];
         let mut commands = Vec::new();
-        for (way, feed, kind, share) in steps {
+        for (displacement, feed, kind, share) in steps {
             let scale = if kind == 0 { 0.05 } else { 1.0 };
-            let to = [0, 1, 2].map(|n| at[n] + scale * way[n]);
+            let to = [0, 1, 2].map(|n| at[n] + scale * displacement[n]);
             if kind == 3 {
                 // The centre on the perpendicular through the middle of the chord.
                 let (x, y) = (to[0] - at[0], to[1] - at[1]);
@@ -292,12 +292,16 @@ fn a_full_look_ahead_is_as_good_as_the_reference() {
 }
 
 /// Junction deviation in double precision: the corner's circle under the axes' accelerations.
-fn junction_speed(settings: &Settings, ways: [[f64; 3]; 2]) -> f64 {
-    let unit = |way: [f64; 3]| {
-        let length = way.iter().map(|way| way * way).sum::<f64>().sqrt();
-        way.map(|way| way / length)
+fn junction_speed(settings: &Settings, displacements: [[f64; 3]; 2]) -> f64 {
+    let unit = |displacement: [f64; 3]| {
+        let length = displacement
+            .iter()
+            .map(|displacement| displacement * displacement)
+            .sum::<f64>()
+            .sqrt();
+        displacement.map(|displacement| displacement / length)
     };
-    let [before, after] = ways.map(unit);
+    let [before, after] = displacements.map(unit);
     let change = [0, 1, 2].map(|n| after[n] - before[n]);
     let length = change.iter().map(|x| x * x).sum::<f64>().sqrt();
     let acceleration = (0..3)
@@ -336,5 +340,31 @@ proptest! {
                 "{speed} instead of {exact}"
             );
         }
+    }
+}
+
+#[test]
+fn an_override_that_comes_with_a_segment_due_brakes_within_the_limits() {
+    let settings = with(&[80.0], &[6000.0], &[500.0]);
+    let ways = (1..=120).map(|k| line(&[0.4 * f64::from(k)], 6000.0));
+    let commands = number(&ways.collect::<Vec<_>>());
+    for edges in (1..60).step_by(3) {
+        let mut rig = Rig::new(&settings);
+        for command in &commands {
+            let work = rig.router.route(command).expect("it moves");
+            assert!(rig.enqueue(work));
+            rig.prepare();
+        }
+        rig.run_to(250 * u64::from(TICKS_PER_MS));
+        // Segments are made between the override and the pass that follows from it.
+        for _ in 0..edges {
+            let edge = rig.drive.step().expect("it moves");
+            rig.now = edge.ticks;
+            rig.trace.push(edge, 0);
+        }
+        rig.receive(Override::FeedLess as u8);
+        rig.run_to_rest();
+        check_limits(&settings, &rig.trace);
+        assert_eq!(rig.trace.net_steps(), rig.snapshot().steps);
     }
 }

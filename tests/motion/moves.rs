@@ -212,17 +212,14 @@ fn settings() -> impl Strategy<Value = Settings> {
         })
 }
 
-/// Lines, some of them rapid, in inverse time, short or without any length.
-fn lines() -> impl Strategy<Value = Vec<Command>> {
+/// Lines, some of them short or without any length.
+pub(crate) fn lines(
+    feed_rate: impl Strategy<Value = FeedRate>,
+) -> impl Strategy<Value = Vec<Command>> {
     let coordinate = prop_oneof![
         4 => -3_000_000..3_000_000_i64,
         2 => -30_000..30_000_i64,
         1 => Just(0_i64),
-    ];
-    let feed_rate = prop_oneof![
-        Just(FeedRate::Rapid),
-        (20.0..12_000.0_f32).prop_map(FeedRate::Feed),
-        (30.0..3000.0_f32).prop_map(FeedRate::InverseTime),
     ];
     let line = (prop::array::uniform3(coordinate), feed_rate).prop_map(|(nm, feed_rate)| {
         line_at(
@@ -233,10 +230,19 @@ fn lines() -> impl Strategy<Value = Vec<Command>> {
     prop::collection::vec(line, 1..12)
 }
 
+/// Rapids, and feed rates in both modes.
+fn feed_rates() -> impl Strategy<Value = FeedRate> {
+    prop_oneof![
+        Just(FeedRate::Rapid),
+        (20.0..12_000.0_f32).prop_map(FeedRate::Feed),
+        (30.0..3000.0_f32).prop_map(FeedRate::InverseTime),
+    ]
+}
+
 /// Times in ms and bytes, in order of time.
-fn acts() -> impl Strategy<Value = Vec<Act>> {
-    let byte = prop::sample::select(vec![b'!', b'!', b'~', b'~', b'~', RESET]);
-    prop::collection::vec((0..700_u64, byte), 0..8).prop_map(|mut acts| {
+pub(crate) fn acts(bytes: &'static [u8], most: usize) -> impl Strategy<Value = Vec<Act>> {
+    let byte = prop::sample::select(bytes);
+    prop::collection::vec((0..700_u64, byte), 0..most).prop_map(|mut acts| {
         acts.sort_unstable();
         acts.into_iter()
             .map(|(ms, byte)| (ms * u64::from(TICKS_PER_MS) + 7919 * ms, byte))
@@ -244,11 +250,30 @@ fn acts() -> impl Strategy<Value = Vec<Act>> {
     })
 }
 
+/// Checks what commands and realtime bytes make of the pins, and of the path where no reset has left it.
+pub(crate) fn check_disturbed(
+    settings: &Settings,
+    commands: &[Command],
+    acts: &[Act],
+    feed_ticks: u64,
+) -> Trace {
+    let commands = number(commands);
+    let mut rig = Rig::new(settings);
+    rig.feed_ticks = feed_ticks;
+    rig.run(&commands, acts);
+    rig.trace.check_pulses();
+    check_limits(settings, &rig.trace);
+    if rig.trace.resets.is_empty() {
+        check_path(settings, &commands, &rig.trace, slack(settings, &commands));
+    }
+    rig.trace
+}
+
 proptest! {
     #![proptest_config(cases(12))]
 
     #[test]
-    fn lines_end_on_their_steps_within_all_limits(settings in settings(), commands in lines()) {
+    fn lines_end_on_their_steps_within_all_limits(settings in settings(), commands in lines(feed_rates())) {
         let trace = check(&settings, &commands);
         let end = commands.last().and_then(target).unwrap();
         prop_assert_eq!(trace.net_steps(), target_steps(&settings, &end));
@@ -257,19 +282,11 @@ proptest! {
     #[test]
     fn no_hold_resume_or_reset_loses_or_doubles_a_step(
         settings in settings(),
-        commands in lines(),
-        acts in acts(),
+        commands in lines(feed_rates()),
+        acts in acts(b"!!~~~\x18", 8),
         feed_ticks in prop::sample::select(vec![0, 100_000, 3_000_000_u64]),
     ) {
-        let commands = number(&commands);
-        let mut rig = Rig::new(&settings);
-        rig.feed_ticks = feed_ticks;
-        rig.run(&commands, &acts);
-        rig.trace.check_pulses();
-        check_limits(&settings, &rig.trace);
-        if rig.trace.resets.is_empty() {
-            check_path(&settings, &commands, &rig.trace, slack(&settings, &commands));
-        }
+        check_disturbed(&settings, &commands, &acts, feed_ticks);
     }
 }
 
@@ -278,21 +295,27 @@ fn one_line_of_three_axes_is_the_exact_trapezoid() {
     let settings = with(&[320.0, 320.0, 400.0], &[6000.0], &[500.0]);
     let commands = [line(&[100.0, 61.8, 38.2], 6000.0)];
     let trace = check(&settings, &commands);
-    let way = [100.0_f64, 61.8, 38.2];
-    let length = way.iter().map(|way| way * way).sum::<f64>().sqrt();
+    let displacement = [100.0_f64, 61.8, 38.2];
+    let length = displacement
+        .iter()
+        .map(|displacement| displacement * displacement)
+        .sum::<f64>()
+        .sqrt();
     let ideal = Trapezoid {
         length,
         speed: 100.0,
         acceleration: 500.0 * length / 100.0,
     };
     let start = trace.starts[0] as f64 / TICKS_PER_S;
-    for (axis, way) in way.into_iter().enumerate() {
+    for (axis, displacement) in displacement.into_iter().enumerate() {
         let steps = trace.steps(axis);
         let per_mm = f64::from(settings.steps_per_mm[axis].to_f32());
         let times: Vec<f64> = steps.iter().map(|step| step.seconds - start).collect();
         let exact: Vec<f64> = steps
             .iter()
-            .map(|step| ideal.when((f64::from(step.position) - 0.5) / per_mm * length / way))
+            .map(|step| {
+                ideal.when((f64::from(step.position) - 0.5) / per_mm * length / displacement)
+            })
             .collect();
         let rms = interval_error_rms(&times, &exact);
         let worst = times
@@ -310,16 +333,16 @@ fn one_line_of_three_axes_is_the_exact_trapezoid() {
     let whole = trace.whole_seconds();
     println!("{whole:.6} s of {:.6} s", ideal.seconds());
     assert!((whole / ideal.seconds() - 1.0).abs() <= 0.001, "{whole}");
-    let off = off_line(&settings, &trace, way);
+    let off = off_line(&settings, &trace, displacement);
     println!("{off:.3} steps off the path at most");
-    let jump = largest_jump(&settings, &trace, way, length);
+    let jump = largest_jump(&settings, &trace, displacement, length);
     println!("largest jump of the path speed {jump:.3} mm/s");
     assert!(jump <= 0.7, "{jump}");
 }
 
 /// The most that an axis is off a line from the origin after any step, in steps.
-fn off_line(settings: &Settings, trace: &Trace, way: [f64; 3]) -> f64 {
-    let ends = [0, 1, 2].map(|n| way[n] * f64::from(settings.steps_per_mm[n].to_f32()));
+fn off_line(settings: &Settings, trace: &Trace, displacement: [f64; 3]) -> f64 {
+    let ends = [0, 1, 2].map(|n| displacement[n] * f64::from(settings.steps_per_mm[n].to_f32()));
     let mut position = [0.0; 3];
     let mut worst = 0.0_f64;
     for edge in trace.edges.iter().filter(|edge| edge.raise != 0) {
@@ -348,9 +371,9 @@ fn off_line(settings: &Settings, trace: &Trace, way: [f64; 3]) -> f64 {
 
 /// Largest change of the path speed from one interval of the X axis to the next, mm/s, in cruise
 /// and, less what the acceleration makes of it, on the ramps.
-fn largest_jump(settings: &Settings, trace: &Trace, way: [f64; 3], length: f64) -> f64 {
+fn largest_jump(settings: &Settings, trace: &Trace, displacement: [f64; 3], length: f64) -> f64 {
     let per_mm = f64::from(settings.steps_per_mm[0].to_f32());
-    let to_path = length / way[0];
+    let to_path = length / displacement[0];
     let times: Vec<f64> = trace.steps(0).iter().map(|step| step.seconds).collect();
     let mut jump = 0.0_f64;
     for span in times.windows(3) {

@@ -1,49 +1,14 @@
 //! What an observer of a stream is shown of the segments, beside what the pins do.
 
-use crate::support::{cases, fast};
+use crate::support::{Machine, Recording, cases, fast, statistics};
 use leadscrew::{
     axis::{AXES, Axes, Z},
     model::Levels,
     settings::{Settings, assign},
-    sim::{
-        Closes, Edge, PlayedSegment, SegmentKind, Simulator, StepStatistics, Stream, StreamEnd,
-        Switch, Watcher,
-    },
+    sim::{Closes, SegmentKind, Simulator, Stream, StreamEnd},
     units::TICKS_PER_MS,
 };
 use proptest::prelude::*;
-
-/// Everything that is seen of a stream.
-#[derive(Default)]
-struct Seen {
-    statistics: StepStatistics,
-    /// Time and steps after each pulse.
-    steps: Vec<(u64, Axes<i32>)>,
-    /// Each segment, with the number of pulses before it.
-    segments: Vec<(usize, PlayedSegment)>,
-    answers: Vec<String>,
-}
-
-impl Watcher for Seen {
-    fn edge(&mut self, edge: &Edge) {
-        self.statistics.add(edge);
-        if edge.raise != 0 {
-            let steps = Axes(self.statistics.steps.0.map(|steps| steps as i32));
-            self.steps.push((edge.ticks, steps));
-        }
-    }
-
-    fn segment(&mut self, segment: &PlayedSegment) {
-        self.segments.push((self.steps.len(), *segment));
-    }
-
-    fn answer(&mut self, _line: u64, answer: &[u8]) {
-        self.answers
-            .push(String::from_utf8_lossy(answer).into_owned());
-    }
-
-    fn message(&mut self, _answers: u64, _message: &[u8]) {}
-}
 
 /// How a program is streamed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,29 +18,29 @@ enum Lines {
 }
 
 /// Streams a program to a machine, at most so many changes at a time.
-fn watch(machine: Simulator, program: &str, lines: Lines, changes: u32) -> Seen {
-    let mut seen = Seen::default();
+fn watch(machine: Simulator, program: &str, lines: Lines, changes: u32) -> Recording {
+    let mut recording = Recording::default();
     let mut stream =
         Stream::new(Box::new(machine), program.bytes(), 115_200).with_statements_at_rest();
     if lines == Lines::Numbered {
         stream = stream.with_numbers();
     }
     let end = loop {
-        if let Some(end) = stream.pump(&mut seen, changes) {
+        if let Some(end) = stream.pump(&mut recording, changes) {
             break end;
         }
     };
     assert_eq!(end, StreamEnd::Complete);
-    seen
+    recording
 }
 
-fn play(program: &str) -> Seen {
+fn play(program: &str) -> Recording {
     watch(Simulator::new(&fast()), program, Lines::Numbered, u32::MAX)
 }
 
 /// The kinds and lines of what moves, each once in a row.
-fn moves(seen: &Seen) -> Vec<(SegmentKind, u32)> {
-    let segments = seen.segments.iter();
+fn moves(recording: &Recording) -> Vec<(SegmentKind, u32)> {
+    let segments = recording.segments.iter();
     let moving = segments.filter(|(_, segment)| segment.kind != SegmentKind::Standstill);
     let mut moves: Vec<_> = moving
         .map(|(_, segment)| (segment.kind, segment.line))
@@ -86,9 +51,10 @@ fn moves(seen: &Seen) -> Vec<(SegmentKind, u32)> {
 
 #[test]
 fn segments_tell_the_kind_the_line_and_the_programmed_speed() {
-    let seen = play("G0X5\n(rest)\nN7G1X10F600\n/ Y5 F1200\nG4P0.1\n$J=G91X-2F300\nG3X0Y5I-4\n");
+    let recording =
+        play("G0X5\n(rest)\nN7G1X10F600\n/ Y5 F1200\nG4P0.1\n$J=G91X-2F300\nG3X0Y5I-4\n");
     assert_eq!(
-        moves(&seen),
+        moves(&recording),
         [
             (SegmentKind::Rapid, 1),
             (SegmentKind::Feed, 3),
@@ -98,13 +64,13 @@ fn segments_tell_the_kind_the_line_and_the_programmed_speed() {
         ]
     );
     let programmed = |line: u32| {
-        let mut segments = seen.segments.iter().map(|(_, segment)| segment);
+        let mut segments = recording.segments.iter().map(|(_, segment)| segment);
         let found = segments.find(|segment| segment.line == line);
         found.map(|segment| segment.programmed_mm_min)
     };
     assert_eq!(programmed(3), Some(600.0));
     assert_eq!(programmed(4), Some(1200.0));
-    let dwell = seen
+    let dwell = recording
         .segments
         .iter()
         .filter(|(_, segment)| segment.kind == SegmentKind::Standstill);
@@ -117,29 +83,25 @@ fn homing_and_probing_are_told_apart() {
     for statement in ["22=1", "27=1", "130=40", "131=40", "132=40"] {
         assign(&mut settings, statement.as_bytes()).unwrap();
     }
-    let mut machine = Simulator::new(&settings);
+    let mut machine = Machine::of(Simulator::new(&settings));
     for axis in 0..AXES {
         let steps = (settings.steps_per_mm[axis].millionths() / 1_000_000) as i32;
-        let limit = Switch {
-            axis,
-            closes: Closes::From(10 * steps),
-            input: Levels::limits(1 << axis),
-        };
-        assert!(machine.mount(limit));
-        let plate = Switch {
-            closes: Closes::DownFrom(-5 * steps),
-            input: Levels::PROBE,
-            ..limit
-        };
-        assert!(axis != Z || machine.mount(plate));
+        machine.mount(axis, Closes::From(10 * steps), Levels::limits(1 << axis));
+        if axis == Z {
+            machine.mount(axis, Closes::DownFrom(-5 * steps), Levels::PROBE);
+        }
     }
-    let seen = watch(
+    let machine = machine.into_simulator();
+    let recording = watch(
         machine,
         "$H\nG91G38.2Z-30F100\nG0Z1\n",
         Lines::Numbered,
         u32::MAX,
     );
-    let kinds: Vec<_> = moves(&seen).into_iter().map(|(kind, _)| kind).collect();
+    let kinds: Vec<_> = moves(&recording)
+        .into_iter()
+        .map(|(kind, _)| kind)
+        .collect();
     assert_eq!(
         kinds,
         [SegmentKind::Homing, SegmentKind::Probe, SegmentKind::Rapid]
@@ -159,15 +121,15 @@ fn a_number_changes_neither_answers_nor_motion() {
             .iter()
             .any(|answer| answer.starts_with("error"))
     );
-    assert_eq!(plain.statistics, numbered.statistics);
+    assert_eq!(statistics(&plain.edges), statistics(&numbered.edges));
 }
 
 /// A move, an arc or a dwell.
 fn line() -> impl Strategy<Value = String> {
-    let ways = [-3000..3000_i32, -3000..3000, -500..500];
+    let ranges = [-3000..3000_i32, -3000..3000, -500..500];
     let feeds = 50..4000_i32;
-    (0..6_u32, ways, feeds).prop_map(|(what, [x, y, z], feed)| {
-        let [x, y, z] = [x, y, z].map(|way| f64::from(way) / 100.0);
+    (0..6_u32, ranges, feeds).prop_map(|(what, [x, y, z], feed)| {
+        let [x, y, z] = [x, y, z].map(|hundredths| f64::from(hundredths) / 100.0);
         match what {
             0 => format!("G0X{x}Y{y}Z{z}"),
             1 => format!("G3X{x}Y{y}R{}F{feed}", 0.6 * x.hypot(y) + 0.1),
@@ -198,35 +160,35 @@ proptest! {
         let machine = || Simulator::new(&fast());
         let whole = watch(machine(), &program, Lines::AsTheyAre, u32::MAX);
         let pumped = watch(machine(), &program, Lines::Numbered, changes);
-        prop_assert_eq!(whole.statistics, pumped.statistics);
+        prop_assert_eq!(statistics(&whole.edges), statistics(&pumped.edges));
     }
 
     #[test]
     fn segments_are_where_and_when_the_pins_are(program in program(), settings in settings()) {
-        let seen = watch(Simulator::new(&settings), &program, Lines::Numbered, u32::MAX);
+        let recording = watch(Simulator::new(&settings), &program, Lines::Numbered, u32::MAX);
         let mut before = 0;
-        for (pulses, segment) in &seen.segments {
+        for (pulses, segment) in &recording.segments {
             prop_assert!(segment.start_ticks >= before, "segments come in order");
             before = segment.start_ticks;
-            let steps = pulses.checked_sub(1).map_or(Axes([0; AXES]), |last| seen.steps[last].1);
+            let steps = pulses.checked_sub(1).map_or(Axes([0; AXES]), |last| recording.positions[last].1);
             for axis in 0..AXES {
                 // A step on the boundary belongs to either segment.
                 let off = steps[axis] - segment.steps[axis];
                 prop_assert!(off.abs() <= 1, "{off} steps off at {}", segment.start_ticks);
             }
             let near = u64::from(TICKS_PER_MS) * 3 / 2;
-            if let Some((ticks, _)) = seen.steps.get(*pulses) {
+            if let Some((ticks, _)) = recording.positions.get(*pulses) {
                 prop_assert!(segment.start_ticks <= ticks + near, "a segment begins after its steps");
             }
         }
-        let last = seen.segments.last().map(|(_, segment)| *segment);
+        let last = recording.segments.last().map(|(_, segment)| *segment);
         prop_assert!(last.is_none_or(|segment| segment.kind == SegmentKind::Standstill));
     }
 
     #[test]
     fn the_speeds_of_the_axes_are_together_that_along_the_path(program in program(), settings in settings()) {
-        let seen = watch(Simulator::new(&settings), &program, Lines::Numbered, u32::MAX);
-        for (_, segment) in &seen.segments {
+        let recording = watch(Simulator::new(&settings), &program, Lines::Numbered, u32::MAX);
+        for (_, segment) in &recording.segments {
             let speeds = segment.end_steps_s.iter().zip(settings.steps_per_mm.iter()).take(3);
             let speeds = speeds.map(|(speed, scale)| 60.0 * speed / (scale.millionths() as f32 * 1e-6));
             let speed = speeds.map(|speed| speed * speed).sum::<f32>().sqrt();

@@ -136,7 +136,7 @@ fn a_feed_is_along_the_linear_axes_where_they_make_steps() {
 
 /// Ways of the linear and the rotary axes, and how fast.
 fn moves() -> impl Strategy<Value = Vec<Command>> {
-    let way = prop_oneof![Just(0.0), 1.0..5.0_f64, -5.0..-1.0_f64];
+    let displacement = prop_oneof![Just(0.0), 1.0..5.0_f64, -5.0..-1.0_f64];
     let turn = prop_oneof![2 => Just(0.0), 2 => -SHARE..SHARE, 1 => -2.0..2.0_f64];
     let feed_rate = prop_oneof![
         Just(FeedRate::Rapid),
@@ -145,7 +145,7 @@ fn moves() -> impl Strategy<Value = Vec<Command>> {
     ];
     let bulge = prop::option::weighted(0.2, 0.2..3.0_f64);
     let one = (
-        prop::array::uniform3(way),
+        prop::array::uniform3(displacement),
         prop::array::uniform3(turn),
         feed_rate,
         bulge,
@@ -154,8 +154,8 @@ fn moves() -> impl Strategy<Value = Vec<Command>> {
         let mut position = [0.0; 6];
         let mut commands = Vec::new();
         for (ways, turns, feed_rate, bulge) in moves {
-            for (axis, way) in ways.into_iter().chain(turns).enumerate() {
-                position[axis] += way;
+            for (axis, displacement) in ways.into_iter().chain(turns).enumerate() {
+                position[axis] += displacement;
             }
             let target = at(&position[..AXES]);
             let [x, y, _] = ways;

@@ -38,7 +38,7 @@ impl Arc {
             target: at(&[x, y, z]).into(),
             circle: Circle {
                 plane: Plane::Xy,
-                centre: self.start.map(|way| at(&[-f64::from(way)])[0]),
+                centre: self.start.map(|steps| at(&[-f64::from(steps)])[0]),
                 rotation: self.rotation,
                 turns: self.turns,
                 tilt: MicroDegrees::ZERO,

@@ -10,6 +10,11 @@ use leadscrew::{
     settings::{Change, Settings, StoreError, Stored},
 };
 
+use super::{
+    machine::is_answer,
+    support::{Report, assigned},
+};
+
 pub(crate) const WELCOME: [&str; 2] = ["", "Grbl 1.1h ['$' for help]"];
 pub(crate) const UNLOCK: &str = "[MSG:'$H'|'$X' to unlock]";
 
@@ -28,7 +33,7 @@ pub(crate) struct Bench {
     /// The machine takes no entries: as if the planner were full of blocks.
     pub(crate) withholds: bool,
     /// The sender reads nothing.
-    pub(crate) is_deaf: bool,
+    pub(crate) is_unread: bool,
     /// The flash refuses to store.
     pub(crate) flash_fails: bool,
     /// A reset comes while the flash stores.
@@ -50,11 +55,7 @@ impl Bench {
 
     /// Switched on with settings, and unlocked.
     pub(crate) fn set(assignments: &[&str]) -> Self {
-        let mut settings = Settings::default();
-        for assignment in assignments {
-            leadscrew::settings::assign(&mut settings, assignment.as_bytes()).expect(assignment);
-        }
-        let mut bench = Self::booting(settings);
+        let mut bench = Self::booting(assigned(assignments));
         assert_eq!(bench.serve()[..2], WELCOME);
         bench.machine.state = State::Idle;
         bench
@@ -89,7 +90,7 @@ impl Bench {
             is_paused: false,
             waits_for_tool: false,
             withholds: false,
-            is_deaf: false,
+            is_unread: false,
             flash_fails: false,
             resets_in_store: false,
             homing_fails: None,
@@ -284,7 +285,7 @@ impl Bench {
             }
             let has_request = self.session.takes_release();
             let mut has_read = false;
-            while !self.is_deaf {
+            while !self.is_unread {
                 let Some(byte) = read.dequeue() else { break };
                 self.output.push(byte);
                 has_read = true;
@@ -341,6 +342,11 @@ impl Bench {
         self.answer(&format!("{line}\n"))
     }
 
+    /// A status report.
+    pub(crate) fn report(&mut self) -> Report {
+        Report::parse(&self.answer("?")[0]).expect("a report")
+    }
+
     /// Closes contacts, and opens all others.
     pub(crate) fn close(&mut self, closed: Levels) {
         self.machine.inputs = closed;
@@ -372,9 +378,6 @@ fn of_three_axes(line: &str) -> String {
 
 /// The answers among the lines.
 pub(crate) fn answers(lines: &[String]) -> Vec<&str> {
-    lines
-        .iter()
-        .map(String::as_str)
-        .filter(|line| *line == "ok" || line.starts_with("error:"))
-        .collect()
+    let lines = lines.iter().map(String::as_str);
+    lines.filter(|line| is_answer(line)).collect()
 }

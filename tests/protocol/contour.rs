@@ -4,10 +4,13 @@
 use leadscrew::{
     axis::Z,
     model::{Levels, State},
-    units::TICKS_PER_MS,
 };
 
-use super::{machine::Machine, stages::Disturbed};
+use super::{
+    machine::{assert_true, execute},
+    stages::Disturbed,
+    support::{MS, Machine},
+};
 
 /// An entry, corners of both kinds, a depth move, arcs and the way out.
 const CONTOUR: [&str; 10] = [
@@ -32,19 +35,19 @@ const DISTURBED: Disturbed<'_> = Disturbed {
 
 /// What remains of a contour moves nothing: the machine goes on from where it stands.
 fn assert_gone(machine: &mut Machine, what: &str) {
-    let modes = machine.execute("$G", None).join(" ");
+    let modes = execute(machine, "$G").join(" ");
     assert!(!modes.contains(" G41"), "{what}: {modes}");
-    let before = machine.simulator.physical_steps();
-    machine.execute("G4P0.01", None);
-    machine.rest();
-    machine.assert_true(what);
-    assert_eq!(machine.simulator.physical_steps(), before, "{what}");
-    assert_eq!(machine.execute("G91G0Z-1", None), ["ok"], "{what}");
-    machine.rest();
-    machine.assert_true(what);
+    let before = machine.physical_steps();
+    execute(machine, "G4P0.01");
+    machine.run_to_rest();
+    assert_true(machine, what);
+    assert_eq!(machine.physical_steps(), before, "{what}");
+    assert_eq!(execute(machine, "G91G0Z-1"), ["ok"], "{what}");
+    machine.run_to_rest();
+    assert_true(machine, what);
     let mut moved = before;
     moved[Z] -= 5;
-    assert_eq!(machine.simulator.physical_steps(), moved, "{what}");
+    assert_eq!(machine.physical_steps(), moved, "{what}");
 }
 
 #[test]
@@ -55,10 +58,8 @@ fn a_hold_a_door_and_overrides_at_any_stage_change_nothing_but_the_time() {
 #[test]
 fn a_reset_at_any_stage_keeps_the_position_and_ends_the_contour() {
     DISTURBED.at_each_stage(|mut machine, stage| {
-        machine.receive(b"\x18");
-        machine.rest();
-        machine.answers();
-        machine.execute("$X", None);
+        machine.answers_to("\x18");
+        execute(&mut machine, "$X");
         assert_gone(&mut machine, &format!("reset at {stage}"));
     });
 }
@@ -66,14 +67,14 @@ fn a_reset_at_any_stage_keeps_the_position_and_ends_the_contour() {
 #[test]
 fn a_limit_switch_at_any_stage_ends_the_contour() {
     DISTURBED.at_each_stage(|mut machine, stage| {
-        machine.simulator.set_pin(Levels::limits(1), true);
-        machine.rest();
+        machine.set_pin(Levels::limits(1), true);
+        machine.run_to_rest();
         let what = format!("limit at {stage}");
-        let told = machine.lines();
-        assert!(told.contains(&"ALARM:1".to_owned()), "{what}: {told:?}");
-        machine.simulator.set_pin(Levels::limits(1), false);
-        machine.reset();
-        machine.execute("$X", None);
+        let lines = machine.lines();
+        assert!(lines.contains(&"ALARM:1".to_owned()), "{what}: {lines:?}");
+        machine.set_pin(Levels::limits(1), false);
+        machine.answers_to("\x18");
+        execute(&mut machine, "$X");
         assert_gone(&mut machine, &what);
     });
 }
@@ -90,57 +91,57 @@ fn the_travel_is_that_of_the_cutter_and_not_of_the_contour() {
         "G40",
         "G0X-5Y-5",
     ] {
-        assert_eq!(machine.execute(line, None), ["ok"], "{line}");
+        assert_eq!(execute(&mut machine, line), ["ok"], "{line}");
     }
-    machine.rest();
-    machine.assert_true("inside");
+    machine.run_to_rest();
+    assert_true(&machine, "inside");
     // The contour stays inside, and the cutter would leave at its far corner.
     let mut machine = DISTURBED.ready();
     for line in ["G42.1D6", "G1X-20Y-20F3000", "X-1"] {
-        assert_eq!(machine.execute(line, None), ["ok"], "{line}");
+        assert_eq!(execute(&mut machine, line), ["ok"], "{line}");
     }
-    let told = machine.execute("Y-1", None);
-    assert!(told.contains(&"ALARM:2".to_owned()), "{told:?}");
-    machine.execute("$X", None);
+    let lines = execute(&mut machine, "Y-1");
+    assert!(lines.contains(&"ALARM:2".to_owned()), "{lines:?}");
+    execute(&mut machine, "$X");
     assert_gone(&mut machine, "outside");
 }
 
 #[test]
 fn a_sender_that_leaves_the_machine_standing_in_a_contour_is_told_so_once_after_a_second() {
     let mut undisturbed = DISTURBED.sent();
-    undisturbed.rest();
-    let end = undisturbed.simulator.physical_steps();
+    undisturbed.run_to_rest();
+    let end = undisturbed.physical_steps();
     // Nobody has left a machine that gets line after line.
     assert_eq!(undisturbed.lines(), ["ok"; CONTOUR.len()]);
     let mut machine = DISTURBED.ready();
     for (index, line) in CONTOUR.iter().enumerate() {
         // Answered although nothing follows: who waits for each answer never stands still for good.
-        assert_eq!(machine.execute(line, None), ["ok"], "{line}");
-        let mut rest_began = machine.simulator.now();
-        let mut told = Vec::new();
+        assert_eq!(execute(&mut machine, line), ["ok"], "{line}");
+        let mut rest_began = machine.now();
+        let mut messages = Vec::new();
         while machine.advance() {
-            let now = machine.simulator.now();
-            if !machine.simulator.snapshot().is_at_rest {
+            let now = machine.now();
+            if !machine.snapshot().is_at_rest {
                 rest_began = now;
             }
             let lines = machine.lines();
             if !lines.is_empty() {
-                let elapsed_ms = (now - rest_began) / u64::from(TICKS_PER_MS);
+                let elapsed_ms = (now - rest_began) / MS;
                 assert!(
                     (1000..1100).contains(&elapsed_ms),
                     "{line}: {elapsed_ms} ms"
                 );
-                assert_eq!(machine.simulator.snapshot().state, State::Idle, "{line}");
+                assert_eq!(machine.state(), State::Idle, "{line}");
             }
-            told.extend(lines);
+            messages.extend(lines);
         }
         // A new move waits behind all lines but the first, the move of Z, and the way out.
         let expected: &[&str] = match index {
             0 | 3 | 8 | 9 => &[],
             _ => &["[MSG:Compensation waits for the next move]"],
         };
-        assert_eq!(told, expected, "{line}");
+        assert_eq!(messages, expected, "{line}");
     }
-    assert_eq!(machine.simulator.physical_steps(), end);
-    machine.assert_true("the end");
+    assert_eq!(machine.physical_steps(), end);
+    assert_true(&machine, "the end");
 }

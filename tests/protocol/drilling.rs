@@ -3,8 +3,12 @@
 
 use leadscrew::model::{Levels, Spindle};
 
-use super::{machine::Machine, stages::Disturbed};
-use crate::bench::Bench;
+use super::{
+    bench::Bench,
+    machine::{assert_true, execute},
+    stages::Disturbed,
+    support::Machine,
+};
 
 /// Lines that drill.
 const CYCLES: [&str; 5] = [
@@ -26,11 +30,11 @@ fn disturbed<'a>(line: &'a &'a str) -> Disturbed<'a> {
 
 /// Nothing of a cycle is left over, for a pause at a change of the tool neither.
 fn assert_drills_nothing(machine: &mut Machine, what: &str) {
-    let before = machine.simulator.physical_steps();
+    let before = machine.physical_steps();
     for line in ["T7M6", "G4P0.01"] {
-        machine.execute(line, None);
-        machine.rest();
-        assert_eq!(machine.simulator.physical_steps(), before, "{what}: {line}");
+        execute(machine, line);
+        machine.run_to_rest();
+        assert_eq!(machine.physical_steps(), before, "{what}: {line}");
     }
 }
 
@@ -38,9 +42,9 @@ fn assert_drills_nothing(machine: &mut Machine, what: &str) {
 fn a_hold_a_door_and_overrides_at_any_stage_change_nothing_but_the_time() {
     for line in &CYCLES {
         disturbed(line).assert_undisturbed(|machine, what| {
-            let modal = machine.simulator.session().interpreter().modal();
+            let modal = machine.session().interpreter().modal();
             assert_eq!(modal.spindle, Spindle::Clockwise, "{what}");
-            let spindle = machine.simulator.outputs().spindle;
+            let spindle = machine.outputs().spindle;
             assert!(spindle != Spindle::Off, "{what}");
         });
     }
@@ -51,15 +55,13 @@ fn a_reset_at_any_stage_keeps_the_position_and_ends_the_cycle() {
     for line in &CYCLES {
         disturbed(line).at_each_stage(|mut machine, stage| {
             let what = format!("{line}: reset at {stage}");
-            machine.receive(b"\x18");
-            machine.rest();
-            machine.answers();
-            machine.execute("$X", None);
-            let modes = machine.execute("$G", None).join(" ");
+            machine.answers_to("\x18");
+            execute(&mut machine, "$X");
+            let modes = execute(&mut machine, "$G").join(" ");
             assert!(modes.contains("[GC:G0 "), "{what}: {modes}");
-            machine.assert_true(&what);
+            assert_true(&machine, &what);
             assert_drills_nothing(&mut machine, &what);
-            assert_eq!(machine.simulator.outputs().spindle, Spindle::Off, "{what}");
+            assert_eq!(machine.outputs().spindle, Spindle::Off, "{what}");
         });
     }
 }
@@ -69,16 +71,16 @@ fn a_limit_switch_at_any_stage_ends_the_cycle() {
     for line in &CYCLES {
         disturbed(line).at_each_stage(|mut machine, stage| {
             let what = format!("{line}: limit at {stage}");
-            machine.simulator.set_pin(Levels::limits(1), true);
-            machine.rest();
+            machine.set_pin(Levels::limits(1), true);
+            machine.run_to_rest();
             let lines = machine.lines();
             assert!(lines.contains(&"ALARM:1".to_owned()), "{what}: {lines:?}");
-            machine.simulator.set_pin(Levels::limits(1), false);
-            machine.reset();
-            machine.execute("$X", None);
-            machine.assert_true(&what);
+            machine.set_pin(Levels::limits(1), false);
+            machine.answers_to("\x18");
+            execute(&mut machine, "$X");
+            assert_true(&machine, &what);
             assert_drills_nothing(&mut machine, &what);
-            assert_eq!(machine.simulator.outputs().spindle, Spindle::Off, "{what}");
+            assert_eq!(machine.outputs().spindle, Spindle::Off, "{what}");
         });
     }
 }
@@ -94,19 +96,19 @@ fn a_laser_is_dark_in_all_of_a_cycle_and_burns_again_behind_it() {
                 ..disturbed(line)
             }
             .ready();
-            machine.receive(format!("{turned}\n").as_bytes());
+            machine.send(format!("{turned}\n").as_bytes());
             for _ in 0..2 {
                 while machine.advance() {
-                    assert_eq!(machine.simulator.outputs().duty, 0, "{turned}");
+                    assert_eq!(machine.outputs().duty, 0, "{turned}");
                 }
                 // Where the line pauses.
-                machine.receive(b"~");
+                machine.send(b"~");
             }
             assert_eq!(machine.lines(), ["ok"], "{turned}");
-            machine.receive(b"G1Z-12F300\n");
+            machine.send(b"G1Z-12F300\n");
             let mut burnt = 0;
             while machine.advance() {
-                burnt = burnt.max(machine.simulator.outputs().duty);
+                burnt = burnt.max(machine.outputs().duty);
             }
             assert!(burnt > 0, "{turned}");
         }
@@ -121,13 +123,13 @@ fn a_line_that_leaves_the_travel_drills_nothing() {
         "G81X-10Z-9R1F3000",
     ] {
         let mut machine = disturbed(&line).ready();
-        assert_eq!(machine.execute("G81X-6Z-9R-4F3000", None), ["ok"]);
-        machine.rest();
-        let before = machine.simulator.physical_steps();
-        let output = machine.execute(line, None);
+        assert_eq!(execute(&mut machine, "G81X-6Z-9R-4F3000"), ["ok"]);
+        machine.run_to_rest();
+        let before = machine.physical_steps();
+        let output = execute(&mut machine, line);
         assert!(output.contains(&"ALARM:2".to_owned()), "{line}: {output:?}");
-        assert_eq!(machine.simulator.physical_steps(), before, "{line}");
-        machine.execute("$X", None);
+        assert_eq!(machine.physical_steps(), before, "{line}");
+        execute(&mut machine, "$X");
         assert_drills_nothing(&mut machine, line);
     }
 }
@@ -149,8 +151,8 @@ fn the_word_that_a_cycle_lacks_is_told() {
         ("X1 (the plain words before) Y2 G86 Z-1 R1", "P"),
         ("G84 Z-1", "R"),
     ] {
-        let told = format!("[MSG:{letter} is missing]");
-        assert_eq!(bench.ask(line), [&told, "error:28"], "{line}");
+        let message = format!("[MSG:{letter} is missing]");
+        assert_eq!(bench.ask(line), [&message, "error:28"], "{line}");
     }
     // What other lines lack is said by what they are.
     for line in ["G4", "M61", "G41.1", "G10 L2 X1"] {

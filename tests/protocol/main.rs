@@ -1,8 +1,6 @@
 //! The conversation with a sender: lines in, answers out.
 
 mod bench;
-#[path = "../support/cases.rs"]
-mod cases;
 mod compensation;
 mod contour;
 mod deviations;
@@ -20,7 +18,9 @@ mod rejected;
 mod reports;
 mod stages;
 mod statements;
+#[path = "../support/mod.rs"]
+mod support;
 mod tool_table;
 mod tools;
 
-use cases::cases;
+use support::cases;

@@ -3,16 +3,15 @@
 use std::fmt::Write as _;
 
 use leadscrew::{
-    axis::{AXES, Axes},
     model::Rotation,
     settings::{Settings, assign},
-    sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
+    sim::Simulator,
     stepper::{IntegerArc, StepRule},
-    units::TICKS_PER_MS,
+    units::TICKS_PER_SECOND,
 };
 use proptest::prelude::*;
 
-use crate::cases;
+use crate::support::{MS, Machine, assigned, cases, stream};
 
 /// Four arcs of 270° about the ends of a cross: 2 400 steps each.
 const PROGRAM: &str = include_str!("../../examples/pico.nc");
@@ -28,9 +27,7 @@ const ARCS: [([i32; 2], [i32; 2], Rotation); 4] = [
 ];
 
 /// What the machine did and sent.
-#[derive(Default)]
 struct Recorder {
-    steps: Axes<i32>,
     /// Every position that X, Y and Z have had, and when, ticks since power-up.
     trace: Vec<[i32; 3]>,
     ticks: Vec<u64>,
@@ -38,33 +35,6 @@ struct Recorder {
     positions: Vec<(String, usize, u64)>,
     answers: Vec<String>,
     others: Vec<String>,
-}
-
-impl Watcher for Recorder {
-    fn edge(&mut self, edge: &Edge) {
-        if edge.raise == 0 {
-            return;
-        }
-        for axis in (0..AXES).filter(|axis| edge.raise >> axis & 1 != 0) {
-            let is_negative = edge.directions >> axis & 1 != 0;
-            self.steps[axis] += if is_negative { -1 } else { 1 };
-        }
-        self.trace.push([0, 1, 2].map(|axis| self.steps[axis]));
-        self.ticks.push(edge.ticks);
-    }
-
-    fn answer(&mut self, _line: u64, answer: &[u8]) {
-        self.answers.push(String::from_utf8_lossy(answer).into());
-    }
-
-    fn message(&mut self, answers: u64, message: &[u8]) {
-        let message = String::from_utf8_lossy(message).into_owned();
-        if message.starts_with("X:") {
-            self.positions.push((message, self.trace.len(), answers));
-        } else {
-            self.others.push(message);
-        }
-    }
 }
 
 impl Recorder {
@@ -82,7 +52,7 @@ impl Recorder {
     /// Time from the first step to the last.
     fn seconds(&self) -> f64 {
         let ticks = self.ticks[self.ticks.len() - 1] - self.ticks[0];
-        ticks as f64 / f64::from(TICKS_PER_MS) / 1000.0
+        ticks as f64 / f64::from(TICKS_PER_SECOND)
     }
 
     /// Every line is a position that the axes have had before it, after that of the line before.
@@ -97,21 +67,24 @@ impl Recorder {
 }
 
 fn settings(assignments: &[&str]) -> Settings {
-    let mut settings = Settings::default();
     let machine = MACHINE.lines().filter_map(|line| line.strip_prefix('$'));
-    for assignment in machine.chain(assignments.iter().copied()) {
-        assign(&mut settings, assignment.as_bytes()).expect(assignment);
-    }
-    settings
+    assigned(machine.chain(assignments.iter().copied()))
 }
 
 fn run_at(settings: &Settings, program: &str, baud: u32) -> Recorder {
-    let mut simulator = Simulator::new(settings);
-    let mut recorder = Recorder::default();
-    let mut stream = Stream::new(&mut simulator, program.bytes(), baud);
-    assert_eq!(stream.run(&mut recorder), StreamEnd::Complete);
-    assert_eq!(simulator.late(), 0);
-    recorder
+    let recording = stream(Simulator::new(settings), program, baud);
+    let (ticks, steps): (_, Vec<_>) = recording.positions.into_iter().unzip();
+    let messages = recording.messages.into_iter();
+    let (positions, others): (_, Vec<_>) = messages.partition(|(line, ..)| line.starts_with("X:"));
+    Recorder {
+        trace: { steps.iter() }
+            .map(|steps| [0, 1, 2].map(|axis| steps[axis]))
+            .collect(),
+        ticks,
+        positions,
+        answers: recording.answers,
+        others: others.into_iter().map(|(line, ..)| line).collect(),
+    }
 }
 
 fn run(assignments: &[&str], program: &str) -> Recorder {
@@ -127,9 +100,12 @@ fn the_stream_shows_every_step_of_the_experiment() {
     assert!(places.len() >= 2 * 2400, "{} lines", places.len());
     let mut before = [0, 0];
     for place in &places {
-        let ways = [0, 1].map(|axis| (place[axis] - before[axis]).abs());
-        assert!(ways.iter().all(|way| *way <= 1), "{before:?} to {place:?}");
-        assert_ne!(ways, [0, 0], "twice {place:?}");
+        let moved = [0, 1].map(|axis| (place[axis] - before[axis]).abs());
+        assert!(
+            moved.iter().all(|count| *count <= 1),
+            "{before:?} to {place:?}"
+        );
+        assert_ne!(moved, [0, 0], "twice {place:?}");
         before = [place[0], place[1]];
     }
     let mut ends = places.iter();
@@ -150,11 +126,11 @@ fn the_experiment_ends_where_it_began_after_30_156_seconds() {
         let mut steps = 0;
         let mut place = from;
         for [x, y, _] in &recorder.trace[begin..] {
-            let ways = [x - place[0], y - place[1]].map(i32::unsigned_abs);
-            assert!(ways.iter().all(|way| *way <= 1));
-            steps += ways[0] + ways[1];
-            for (count, way) in counts.iter_mut().zip(ways) {
-                *count += way;
+            let moved = [x - place[0], y - place[1]].map(i32::unsigned_abs);
+            assert!(moved.iter().all(|moved| *moved <= 1));
+            steps += moved[0] + moved[1];
+            for (count, axis) in counts.iter_mut().zip(moved) {
+                *count += axis;
             }
             place = [*x, *y];
             begin += 1;
@@ -237,33 +213,21 @@ fn lines_have_z_if_it_is_asked_for() {
 fn lines_keep_their_distance_and_the_last_one_comes_all_the_same() {
     for interval_ms in [20, 1000] {
         let setting = format!("792={interval_ms}");
-        let mut simulator = Simulator::new(&settings(&[&setting]));
+        let mut machine = Machine::with(&settings(&[&setting]));
+        machine.send("G1 X300 F15000\nX303\n");
         let mut sent = Vec::new();
-        let mut line = String::new();
-        for byte in b"G1 X300 F15000\nX303\n" {
-            simulator.receive(*byte);
-        }
-        simulator.settle();
-        let mut is_due = true;
-        while is_due {
-            is_due = simulator.due().is_some_and(|due| {
-                simulator.advance(due);
-                true
-            });
-            while let Some(byte) = simulator.send() {
-                line.push(char::from(byte));
-                if byte == b'\n' {
-                    sent.push((simulator.now(), std::mem::take(&mut line)));
-                    is_due = true;
-                }
+        loop {
+            let now = machine.now();
+            sent.extend(machine.lines().into_iter().map(|line| (now, line)));
+            if !machine.advance() {
+                break;
             }
-            simulator.settle();
         }
         sent.retain(|(_, line)| line.starts_with("X:"));
-        assert_eq!(sent.pop().unwrap().1, "X:303,Y:0\r\n");
+        assert_eq!(sent.pop().unwrap().1, "X:303,Y:0");
         // A line comes up to a segment after the position that it has.
         let shortest = sent.windows(2).map(|two| two[1].0 - two[0].0).min();
-        let least = (interval_ms - 2) * u64::from(TICKS_PER_MS);
+        let least = (interval_ms - 2) * MS;
         assert!(shortest.unwrap_or(least) >= least, "{shortest:?}");
         let expected = 1212 / interval_ms as usize;
         assert!(

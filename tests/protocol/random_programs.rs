@@ -13,9 +13,9 @@ use leadscrew::{
 use proptest::prelude::*;
 
 use super::{
-    cases,
-    machine::{Machine, is_answer},
+    machine::{execute, execute_with, is_answer, limited},
     random_lines::any_line,
+    support::cases,
 };
 
 /// What comes between the bytes of a line, without one answer more.
@@ -55,20 +55,20 @@ proptest! {
     fn programs_of_all_codes_are_answered_line_by_line_and_stay_in_the_travel(
         program in prop::collection::vec((any_line(), realtime(), prop::bool::weighted(0.3)), 1..24),
     ) {
-        let mut machine = Machine::new();
+        let mut machine = limited();
         let mut is_disturbed = false;
         for (line, between, rests) in &program {
             if *rests {
-                machine.rest();
+                machine.run_to_rest();
                 machine.lines();
             }
-            let session = machine.simulator.session();
+            let session = machine.session();
             let before = (changed_by_lines(session), session.stored().clone());
-            let was_asleep = machine.simulator.snapshot().state == State::Sleep;
-            let lines = machine.execute(line, *between);
+            let was_asleep = machine.state() == State::Sleep;
+            let lines = execute_with(&mut machine, line, *between);
             let answers: Vec<_> = lines.iter().filter(|line| is_answer(line)).collect();
             prop_assert_eq!(answers.len(), usize::from(!was_asleep), "{}: {:?}", line, lines);
-            let session = machine.simulator.session();
+            let session = machine.session();
             // Realtime bytes may switch the coolant and end a jog.
             is_disturbed |= !matches!(between, None | Some(b'?'));
             if *rests && !is_disturbed && answers.iter().any(|answer| *answer != "ok") {
@@ -76,15 +76,14 @@ proptest! {
                 prop_assert_eq!(session.stored(), &before.1, "{}", line);
             }
             is_disturbed = !matches!(between, None | Some(b'?'));
-            if machine.simulator.snapshot().state == State::Alarm {
-                machine.rest();
-                let lines = machine.execute("$X", None);
+            if machine.state() == State::Alarm {
+                machine.run_to_rest();
+                let lines = execute(&mut machine, "$X");
                 prop_assert!(lines.iter().any(|line| line == "ok"), "{:?}", lines);
             }
         }
-        machine.rest();
-        prop_assert!(machine.answers().is_empty());
-        prop_assert_eq!(machine.simulator.late(), 0);
-        prop_assert_eq!(machine.simulator.lost(), 0);
+        prop_assert!(!machine.answers().iter().any(|line| is_answer(line)));
+        prop_assert_eq!(machine.late(), 0);
+        prop_assert_eq!(machine.lost(), 0);
     }
 }

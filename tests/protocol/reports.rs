@@ -210,11 +210,11 @@ fn new_settings_reach_the_machine_before_the_next_line() {
 #[test]
 fn a_sender_that_does_not_read_loses_nothing() {
     let mut bench = Bench::new();
-    bench.is_deaf = true;
+    bench.is_unread = true;
     bench.receive(b"$$\n$#\n?$G\nG33\n");
     bench.settle();
     bench.receive(b"?");
-    bench.is_deaf = false;
+    bench.is_unread = false;
     let lines = bench.serve();
     assert_eq!(answers(&lines), ["ok", "ok", "ok", "error:20"]);
     assert!(lines.iter().any(|line| line.starts_with("<Idle|")));

@@ -2,7 +2,11 @@
 
 use leadscrew::model::State;
 
-use super::machine::Machine;
+use super::{
+    bench::answers,
+    machine::{assert_true, execute, limited},
+    support::{Machine, each},
+};
 
 /// Changes of the machine from one stage to the next.
 const CHANGES: usize = 3;
@@ -12,10 +16,10 @@ const DISTURBANCES: [&[u8]; 5] = [b"!", b"\x84", b"\x95", b"\x91\x9b", b"?!"];
 /// Presses cycle start wherever the machine rests, also where a line pauses.
 fn go_on(machine: &mut Machine) {
     for _ in 0..4 {
-        machine.rest();
-        machine.receive(b"~");
+        machine.run_to_rest();
+        machine.send(b"~");
     }
-    machine.rest();
+    machine.run_to_rest();
 }
 
 /// Lines that are disturbed.
@@ -30,25 +34,25 @@ pub(crate) struct Disturbed<'a> {
 impl Disturbed<'_> {
     /// The machine before the lines.
     pub(crate) fn ready(&self) -> Machine {
-        let mut machine = Machine::new();
+        let mut machine = limited();
         for line in self.setup {
-            assert_eq!(machine.execute(line, None), ["ok"], "{line}");
+            assert_eq!(execute(&mut machine, line), ["ok"], "{line}");
         }
-        machine.rest();
+        machine.run_to_rest();
         machine
     }
 
     /// The machine to which the lines have just been sent.
     pub(crate) fn sent(&self) -> Machine {
         let mut machine = self.ready();
-        machine.receive((self.lines.join("\n") + "\n").as_bytes());
+        machine.send(self.lines.join("\n") + "\n");
         machine
     }
 
     /// Disturbs the machine at each stage.
     pub(crate) fn at_each_stage(&self, mut disturb: impl FnMut(Machine, usize)) {
         let [least, most] = self.stages;
-        for stage in 0..most {
+        for stage in (0..most).step_by(each(5)) {
             let mut machine = self.sent();
             if !(0..stage * CHANGES).all(|_| machine.advance()) {
                 assert!(stage > least, "{:?} end at stage {stage}", self.lines);
@@ -63,18 +67,18 @@ impl Disturbed<'_> {
         let oks = vec!["ok"; self.lines.len()];
         let mut undisturbed = self.sent();
         go_on(&mut undisturbed);
-        assert_eq!(undisturbed.answers(), oks);
-        undisturbed.assert_true("undisturbed");
-        let end = undisturbed.simulator.physical_steps();
+        assert_eq!(answers(&undisturbed.lines()), oks);
+        assert_true(&undisturbed, "undisturbed");
+        let end = undisturbed.physical_steps();
         for bytes in DISTURBANCES {
             self.at_each_stage(|mut machine, stage| {
-                machine.receive(bytes);
+                machine.send(bytes);
                 let what = format!("{:?}: {bytes:?} at {stage}", self.lines);
                 go_on(&mut machine);
-                assert_eq!(machine.answers(), oks, "{what}");
-                assert_eq!(machine.simulator.physical_steps(), end, "{what}");
-                machine.assert_true(&what);
-                assert_eq!(machine.simulator.snapshot().state, State::Idle, "{what}");
+                assert_eq!(answers(&machine.lines()), oks, "{what}");
+                assert_eq!(machine.physical_steps(), end, "{what}");
+                assert_true(&machine, &what);
+                assert_eq!(machine.state(), State::Idle, "{what}");
                 check(&machine, &what);
             });
         }

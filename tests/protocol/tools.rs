@@ -8,10 +8,8 @@ use leadscrew::{
 use super::bench::{Bench, WELCOME};
 
 /// Returns the tool of the next status report, if it has one.
-fn told(bench: &mut Bench) -> Option<String> {
-    let report = bench.answer("?").remove(0);
-    let (_, tool) = report.trim_end_matches('>').split_once("|T:")?;
-    Some(tool.to_owned())
+fn reported_tool(bench: &mut Bench) -> Option<String> {
+    bench.report().field("T").map(str::to_owned)
 }
 
 #[test]
@@ -19,7 +17,7 @@ fn a_new_tool_is_told_once() {
     let mut bench = Bench::new();
     let mut reports = |line: &str| {
         assert_eq!(bench.ask(line), ["ok"], "{line}");
-        [told(&mut bench), told(&mut bench)]
+        [reported_tool(&mut bench), reported_tool(&mut bench)]
     };
     assert_eq!(reports("T3"), [None, None]);
     assert_eq!(reports("M61Q3"), [Some("3".into()), None]);
@@ -31,24 +29,24 @@ fn a_new_tool_is_told_once() {
 fn a_program_that_is_only_checked_changes_no_tool() {
     let mut bench = Bench::new();
     assert_eq!(bench.ask("M61Q3"), ["ok"]);
-    assert_eq!(told(&mut bench), Some("3".into()));
+    assert_eq!(reported_tool(&mut bench), Some("3".into()));
     assert_eq!(bench.ask("$C"), ["[MSG:Enabled]", "ok"]);
     assert_eq!(bench.ask("M61Q4"), ["ok"]);
-    assert_eq!(told(&mut bench), None);
+    assert_eq!(reported_tool(&mut bench), None);
     assert_eq!(bench.ask("$C")[2..], WELCOME);
     assert_eq!(bench.ask("M61Q3"), ["ok"]);
-    assert_eq!(told(&mut bench), None);
+    assert_eq!(reported_tool(&mut bench), None);
 }
 
 /// Sends a line that changes the tool, and returns what comes before the machine waits.
 fn change(bench: &mut Bench, line: &str) -> Vec<String> {
-    let heard = bench.ask(line);
+    let lines = bench.ask(line);
     assert_eq!(
         bench.machine.state,
         State::HoldComplete,
-        "{line}: {heard:?}"
+        "{line}: {lines:?}"
     );
-    heard
+    lines
 }
 
 #[test]
@@ -56,14 +54,14 @@ fn a_change_of_the_tool_waits_for_cycle_start_with_everything_off() {
     let mut bench = Bench::new();
     assert_eq!(bench.ask("M3S500M8"), ["ok"]);
     bench.works();
-    let heard = change(&mut bench, "T2 M6 (MSG, 6 mm, two flutes)");
-    assert_eq!(heard, ["[MSG:Tool change: T2 6 mm, two flutes]"]);
+    let lines = change(&mut bench, "T2 M6 (MSG, 6 mm, two flutes)");
+    assert_eq!(lines, ["[MSG:Tool change: T2 6 mm, two flutes]"]);
     let is_off = |bench: &Bench| bench.machine.spindle == Spindle::Off;
     assert!(is_off(&bench) && bench.machine.coolant == Coolant::OFF);
-    assert_eq!(told(&mut bench), None);
+    assert_eq!(reported_tool(&mut bench), None);
     assert!(bench.answer("G1F100\n").is_empty());
     assert_eq!(bench.answer("~"), ["ok", "ok"]);
-    assert_eq!(told(&mut bench), Some("2".into()));
+    assert_eq!(reported_tool(&mut bench), Some("2".into()));
     assert!(is_off(&bench) && bench.machine.coolant.flood);
     assert_eq!(
         bench.ask("$G")[0],
@@ -97,7 +95,7 @@ fn a_line_with_an_error_changes_no_tool() {
     assert_eq!(bench.ask("T3M6M61Q3"), ["error:21"]);
     assert_eq!(bench.ask("$J=M6X1F100"), ["error:16"]);
     assert_eq!(bench.machine.state, State::Idle);
-    assert_eq!(told(&mut bench), None);
+    assert_eq!(reported_tool(&mut bench), None);
     assert!(bench.ask("$G")[0].contains(" T0 "));
 }
 
@@ -105,10 +103,10 @@ fn a_line_with_an_error_changes_no_tool() {
 fn a_reset_leaves_the_tool_that_is_in_the_spindle() {
     let mut bench = Bench::new();
     assert_eq!(bench.ask("M61Q1"), ["ok"]);
-    assert_eq!(told(&mut bench), Some("1".into()));
+    assert_eq!(reported_tool(&mut bench), Some("1".into()));
     change(&mut bench, "T2M6");
     assert_eq!(bench.answer("\x18"), ["ok", WELCOME[0], WELCOME[1]]);
-    assert_eq!(told(&mut bench), None);
+    assert_eq!(reported_tool(&mut bench), None);
     assert_eq!(bench.ask("T1M6"), ["ok"]);
     change(&mut bench, "T2M6");
     assert_eq!(bench.answer("~"), ["ok"]);
@@ -124,7 +122,7 @@ fn m6_does_not_wait_where_programs_are_checked_or_the_setting_says_so() {
     assert_eq!(bench.ask("M3S500"), ["ok"]);
     assert_eq!(bench.ask("T2M6"), ["ok"]);
     assert_eq!(bench.machine.spindle, Spindle::Clockwise);
-    assert_eq!(told(&mut bench), Some("2".into()));
+    assert_eq!(reported_tool(&mut bench), Some("2".into()));
     assert_eq!(bench.ask("M5"), ["ok"]);
     assert_eq!(bench.ask("$341=0"), ["ok"]);
     assert_eq!(bench.ask("$C"), ["[MSG:Enabled]", "ok"]);
@@ -134,7 +132,6 @@ fn m6_does_not_wait_where_programs_are_checked_or_the_setting_says_so() {
 #[test]
 fn a_homed_machine_goes_to_the_position_of_g30_for_a_change_and_comes_back() {
     let mut bench = Bench::set(&["22=1", "27=1", "789=1"]);
-    let at = |bench: &mut Bench| bench.answer("?")[0].split('|').nth(1).unwrap().to_owned();
     let jog = |bench: &mut Bench, target: &str| {
         assert_eq!(bench.ask(&format!("$J=G53{target}F100")), ["ok"]);
     };
@@ -143,7 +140,7 @@ fn a_homed_machine_goes_to_the_position_of_g30_for_a_change_and_comes_back() {
     jog(&mut bench, "X-20Y-30Z-40");
     // Not homed.
     change(&mut bench, "T1M6");
-    assert_eq!(at(&mut bench), "MPos:-20.000,-30.000,-40.000");
+    assert_eq!(bench.report().position(), "-20.000,-30.000,-40.000");
     assert_eq!(bench.answer("~"), ["ok"]);
     assert_eq!(bench.ask("$H").last().unwrap(), "ok");
     jog(&mut bench, "X-20Y-30Z-40");
@@ -159,14 +156,14 @@ fn a_homed_machine_goes_to_the_position_of_g30_for_a_change_and_comes_back() {
         bench.works().iter().filter_map(moved).collect()
     };
     assert_eq!(moves(&mut bench), [[0, 0, 39], [-30, -30, 0], [0, 0, -9]]);
-    assert_eq!(at(&mut bench), "MPos:-50.000,-60.000,-10.000");
+    assert_eq!(bench.report().position(), "-50.000,-60.000,-10.000");
     assert_eq!(bench.answer("~"), ["ok"]);
     assert_eq!(moves(&mut bench), [[30, 30, 0], [0, 0, -30]]);
-    assert_eq!(at(&mut bench), "MPos:-20.000,-30.000,-40.000");
+    assert_eq!(bench.report().position(), "-20.000,-30.000,-40.000");
     assert!(bench.ask("$G")[0].starts_with("[GC:G0 G54 G17 G20 G91 G94 G64 "));
 }
 
-/// Hands over bytes in one go, and returns what is heard.
+/// Hands over bytes in one go, and returns the lines that are sent.
 fn send(bench: &mut Bench, bytes: &[u8]) -> Vec<String> {
     bench.receive(bytes);
     bench.serve()
@@ -175,20 +172,23 @@ fn send(bench: &mut Bench, bytes: &[u8]) -> Vec<String> {
 #[test]
 fn the_operators_lines_are_executed_before_what_was_received_of_the_program() {
     let mut bench = Bench::new();
-    let at = |bench: &mut Bench| bench.answer("?")[0].split('|').nth(1).unwrap().to_owned();
     assert_eq!(bench.ask("G0X3Y4Z-5"), ["ok"]);
     change(&mut bench, "T2M6");
     // The program goes on in the middle of a line.
     assert!(send(&mut bench, b"G91\nG0X1\nG0 X").is_empty());
     assert!(send(&mut bench, b"\xa3").is_empty());
     assert_eq!(bench.machine.state, State::Tool);
-    assert!(bench.answer("?")[0].starts_with("<Tool|MPos:3.000,4.000,-5.000|"));
+    let report = bench.report();
+    assert_eq!(
+        (report.state(), &*report.position()),
+        ("Tool", "3.000,4.000,-5.000")
+    );
     assert_eq!(bench.ask("$J=G90X50Y60Z-1F100"), ["ok"]);
     assert_eq!(
         send(&mut bench, b"\xa3$J=G91Z2F100\n\xa3G43.1Z-7\n"),
         ["ok", "ok"]
     );
-    assert_eq!(at(&mut bench), "MPos:50.000,60.000,1.000");
+    assert_eq!(bench.report().position(), "50.000,60.000,1.000");
     let modes = bench.ask("$G");
     assert_eq!(modes[0], "[GC:G0 G54 G17 G21 G90 G94 M6 M5 M9 T2 F0 S0]");
     assert_eq!(bench.ask("G20G91G55G38.3Z-1F5")[1], "ok");
@@ -196,8 +196,8 @@ fn the_operators_lines_are_executed_before_what_was_received_of_the_program() {
     assert_eq!(send(&mut bench, b"~10\nG0Y1\n"), ["ok"; 5]);
     let moves = bench.works();
     assert_eq!(moves.len(), 5, "{moves:?}");
-    assert_eq!(told(&mut bench), Some("2".into()));
-    assert_eq!(at(&mut bench), "MPos:14.000,5.000,-5.000");
+    assert_eq!(reported_tool(&mut bench), Some("2".into()));
+    assert_eq!(bench.report().position(), "14.000,5.000,-5.000");
     assert_eq!(bench.ask("$#")[9], "[TLO:-7.000]");
     assert_eq!(
         bench.ask("$G")[0],
@@ -226,20 +226,20 @@ fn what_is_sent_between_0xa3_and_cycle_start_is_of_the_operator_however_late_it_
         });
         bench.receive(&bytes);
         bench.withholds = false;
-        let heard = bench.serve();
+        let output = bench.serve();
         let expected = String::from_utf8_lossy(lines).matches('\n').count() + 4;
         if lines.ends_with(b"(") {
             // A line in two halves on both sides of cycle start is one of the program.
-            assert_eq!(super::bench::answers(&heard).len(), expected);
+            assert_eq!(super::bench::answers(&output).len(), expected);
         } else {
             assert_eq!(
-                super::bench::answers(&heard),
+                super::bench::answers(&output),
                 vec!["ok"; expected],
-                "{heard:?}"
+                "{output:?}"
             );
             assert_eq!(bench.machine.steps.0[0], 7 * 250);
         }
-        assert!(heard.contains(&"[TLO:1.000]".to_owned()), "{heard:?}");
+        assert!(output.contains(&"[TLO:1.000]".to_owned()), "{output:?}");
     }
 }
 
@@ -299,7 +299,7 @@ fn a_reset_drops_the_lines_that_are_kept() {
     assert!(send(&mut bench, b"G0X9\nM61Q9\n\xa3").is_empty());
     assert_eq!(bench.ask("G43.1Z2"), ["ok"]);
     assert_eq!(send(&mut bench, b"\x18"), ["ok", WELCOME[0], WELCOME[1]]);
-    assert_eq!(told(&mut bench), Some("1".into()));
+    assert_eq!(reported_tool(&mut bench), Some("1".into()));
     assert_eq!(bench.machine.state, State::Idle);
     assert_eq!(bench.ask("$#")[9], "[TLO:0.000]");
     assert_eq!(bench.ask("G0X2"), ["ok"]);

@@ -1,22 +1,21 @@
 //! What hosts ask for, and refusals in their words.
 
-use crate::host::{Host, STEPS_PER_MM, numbered};
+use crate::machine::{STEPS_PER_MM, numbered, reprap, xy};
 
 #[test]
 fn a_host_is_greeted_once() {
-    let mut host = Host::new();
-    host.receive(b"\x18");
-    host.run_ms(50);
+    let mut machine = reprap();
+    machine.send_for(b"\x18", 50);
     let version = env!("CARGO_PKG_VERSION");
     let name = format!("echo:Leadscrew {version} (RepRap); homing off");
-    assert_eq!(host.lines(), ["start", name.as_str()]);
+    assert_eq!(machine.lines(), ["start", name.as_str()]);
 }
 
 #[test]
 fn a_host_learns_temperature_position_and_firmware() {
-    let mut host = Host::new();
-    assert_eq!(host.ask("M105"), ["ok T:0.0 /0.0"]);
-    host.ask("G1 X1 Y2 Z-3 F6000");
+    let mut machine = reprap();
+    assert_eq!(machine.ask("M105"), ["ok T:0.0 /0.0"]);
+    machine.ask("G1 X1 Y2 Z-3 F6000");
     let steps = |mm: i32| mm * STEPS_PER_MM;
     let position = format!(
         "X:1.000 Y:2.000 Z:-3.000 E:0.000 Count X:{} Y:{} Z:{}",
@@ -24,9 +23,9 @@ fn a_host_learns_temperature_position_and_firmware() {
         steps(2),
         steps(-3)
     );
-    assert_eq!(host.ask("M114"), [position.as_str(), "ok"]);
-    assert_eq!(host.ask("M114 R"), [position.as_str(), "ok"]);
-    let firmware = host.ask("M115");
+    assert_eq!(machine.ask("M114"), [position.as_str(), "ok"]);
+    assert_eq!(machine.ask("M114 R"), [position.as_str(), "ok"]);
+    let firmware = machine.ask("M115");
     assert!(firmware[0].starts_with("FIRMWARE_NAME:Leadscrew "));
     // No empty address: the package may have none.
     let address = env!("CARGO_PKG_REPOSITORY");
@@ -47,21 +46,20 @@ fn a_host_learns_temperature_position_and_firmware() {
 
 #[test]
 fn m114_tells_of_the_last_line_while_the_machine_still_moves() {
-    let mut host = Host::new();
-    host.receive(b"G1 X10 F600\nM114\nM400\n");
-    host.run_ms(20);
-    let answers = host.lines();
+    let mut machine = reprap();
+    machine.send_for(b"G1 X10 F600\nM114\nM400\n", 20);
+    let answers = machine.lines();
     assert_eq!(answers.len(), 3, "{answers:?}");
     assert!(answers[1].starts_with("X:10.000 Y:0.000 Z:0.000 E:0.000 Count X:0 "));
-    host.rest();
+    machine.run_to_rest();
     // M400 ends with the motion.
-    assert_eq!(host.lines(), ["ok"]);
-    assert_eq!(host.xy(), [10 * STEPS_PER_MM, 0]);
+    assert_eq!(machine.lines(), ["ok"]);
+    assert_eq!(xy(&machine), [10 * STEPS_PER_MM, 0]);
 }
 
 #[test]
 fn parts_that_are_not_there_are_told_and_nobody_waits_for_them() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     for (line, answer) in [
         ("M109 S200", Some("echo:M109: not present")),
         ("M104 S0", None),
@@ -83,7 +81,7 @@ fn parts_that_are_not_there_are_told_and_nobody_waits_for_them() {
             Some("echo:error 52: the setting is outside its range"),
         ),
     ] {
-        let mut answers = host.ask(line);
+        let mut answers = machine.ask(line);
         assert_eq!(answers.pop().as_deref(), Some("ok"), "{line}");
         assert_eq!(answers.pop().as_deref(), answer, "{line}");
         assert!(answers.is_empty(), "{line}");
@@ -92,16 +90,16 @@ fn parts_that_are_not_there_are_told_and_nobody_waits_for_them() {
 
 #[test]
 fn the_ok_waits_for_room() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     let mut line = 0;
     let mut answered = 0;
     while answered == line {
         line += 1;
         let x = if line % 2 == 0 { 0 } else { 50 };
         let words = numbered(line, &format!("G1 X{x} F600"));
-        host.receive(words.as_bytes());
-        host.receive(b"\n");
-        answered += host
+        machine.send(words);
+        machine.send(b"\n");
+        answered += machine
             .lines()
             .into_iter()
             .map(|line| i32::from(line == "ok"))
@@ -109,8 +107,8 @@ fn the_ok_waits_for_room() {
         assert!(line < 200, "the queue never fills");
     }
     assert!(line > 10, "{line}");
-    host.run_ms(12_000);
-    let answers = host.lines();
+    machine.run(12_000);
+    let answers = machine.lines();
     assert_eq!(answers.iter().filter(|line| *line == "ok").count(), 1);
     assert!(answers.iter().any(|line| line == "echo:busy: processing"));
 }

@@ -2,52 +2,55 @@
 
 use leadscrew::model::{PathControl, State};
 
-use crate::host::{Host, STEPS_PER_MM, first, place, seconds};
+use crate::{
+    machine::{STEPS_PER_MM, first, reprap, reprap_with, seconds, send_numbered, xy, xy_mm},
+    support::{Machine, statistics},
+};
 
 #[test]
 fn g0_goes_at_f() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     // 1500 mm/min where nothing is set.
-    let default = seconds(&mut host, "G0 X50");
+    let default = seconds(&mut machine, "G0 X50");
     assert!((2.0..2.3).contains(&default), "{default}");
-    let slow = seconds(&mut host, "G0 X0 F600");
+    let slow = seconds(&mut machine, "G0 X0 F600");
     assert!((5.0..5.3).contains(&slow), "{slow}");
 }
 
 #[test]
 fn speed_rises_to_the_new_f() {
-    let mut host = Host::new();
-    host.ask("G1 F600");
-    let fast = seconds(&mut host, "G1 X50 F6000");
+    let mut machine = reprap();
+    machine.ask("G1 F600");
+    let fast = seconds(&mut machine, "G1 X50 F6000");
     assert!((0.6..0.9).contains(&fast), "{fast}");
 }
 
 #[test]
 fn a_code_alone_does_nothing() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     for line in [
         "G0", "G1", "G0 F1500", "G1 F1500", "G2", "G90", "M82", "M400", "G4", "G4 P0",
     ] {
         if line != "G2" {
-            assert_eq!(host.ask(line), ["ok"], "{line}");
+            assert_eq!(machine.ask(line), ["ok"], "{line}");
         }
     }
-    assert_eq!(place(&mut host), [0, 0]);
+    assert_eq!(xy_mm(&machine), [0, 0]);
 }
 
 #[test]
 fn g4_p2000_is_g4_s2() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     for line in ["G4 P2000", "G4 S2", "G4 S2 P9000", "g4 s2.0"] {
-        let waited = seconds(&mut host, line);
+        let waited = seconds(&mut machine, line);
         assert!((1.99..2.02).contains(&waited), "{line}: {waited}");
     }
-    assert!(seconds(&mut host, "G4 P0") < 0.01);
+    assert!(seconds(&mut machine, "G4 P0") < 0.01);
 }
 
 #[test]
 fn flags_and_numbers() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     for (line, answer) in [
         (
             "G1 X",
@@ -79,18 +82,18 @@ fn flags_and_numbers() {
         ("Mx", "echo:Unknown command: \"Mx\""),
     ] {
         if line == "M106 S256" {
-            let error = first(&mut host, line);
+            let error = first(&mut machine, line);
             assert_eq!(error, "Error:the value is outside its range (error:39)");
         } else {
-            assert_eq!(first(&mut host, line), answer, "{line}");
+            assert_eq!(first(&mut machine, line), answer, "{line}");
         }
     }
-    assert_eq!(place(&mut host), [0, 0]);
+    assert_eq!(xy_mm(&machine), [0, 0]);
 }
 
 #[test]
 fn a_code_that_stands_alone_drops_no_other() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     let refused = "Error:two commands of one modal group (error:21)";
     for line in [
         "M105 G1 X5",
@@ -106,57 +109,57 @@ fn a_code_that_stands_alone_drops_no_other() {
         "M3 M105",
         "G1 X5 M0",
     ] {
-        assert_eq!(host.ask(line), [refused, "ok"], "{line}");
+        assert_eq!(machine.ask(line), [refused, "ok"], "{line}");
     }
-    assert_eq!(place(&mut host), [0, 0]);
-    assert!(first(&mut host, "M114").starts_with("X:0.000 Y:0.000 Z:0.000 "));
+    assert_eq!(xy_mm(&machine), [0, 0]);
+    assert!(first(&mut machine, "M114").starts_with("X:0.000 Y:0.000 Z:0.000 "));
     // These change modes, or are text.
     for line in ["G21 G90 G17 G1 X5", "G91 G1 X1 M3 S5", "M117 G1 X9 M105"] {
-        assert_eq!(host.ask(line), ["ok"], "{line}");
+        assert_eq!(machine.ask(line), ["ok"], "{line}");
     }
-    assert_eq!(place(&mut host), [6, 0]);
+    assert_eq!(xy_mm(&machine), [6, 0]);
 }
 
 #[test]
 fn f0_leaves_the_feed_as_it_is() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     for line in ["G1 F0", "G1 X1 F0", "F0.0 X2", "G0 F1200", "G1 X5 F0"] {
-        assert_eq!(host.ask(line), ["ok"], "{line}");
+        assert_eq!(machine.ask(line), ["ok"], "{line}");
     }
-    let brisk = seconds(&mut host, "G1 X25");
+    let brisk = seconds(&mut machine, "G1 X25");
     assert!((1.0..1.2).contains(&brisk), "{brisk}");
 }
 
 #[test]
 fn marks_of_programs_mean_nothing() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     for line in ["%", "O1234", ":1234", " % "] {
-        assert_eq!(host.ask(line), ["ok"], "{line}");
+        assert_eq!(machine.ask(line), ["ok"], "{line}");
     }
-    host.run(1, &["%", "G1 X1"]);
+    send_numbered(&mut machine, 1, &["%", "G1 X1"]);
     let error = "Error:a word must begin with a letter (error:1)";
-    assert_eq!(first(&mut host, "% G1 X1"), error);
+    assert_eq!(first(&mut machine, "% G1 X1"), error);
 }
 
 #[test]
 fn comments_between_words() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     for line in [
         "G1 (a) X1 (b)Y2;c",
         "g1x3 (x9) y4",
         "(a)G1 X5(b)",
         "\tG1\tX 6",
     ] {
-        assert_eq!(host.ask(line), ["ok"], "{line}");
+        assert_eq!(machine.ask(line), ["ok"], "{line}");
     }
-    assert_eq!(place(&mut host), [6, 4]);
+    assert_eq!(xy_mm(&machine), [6, 4]);
 }
 
 #[test]
 fn lists_take_their_first() {
-    let mut host = Host::new();
-    assert_eq!(host.ask("G1 X1:2:3 Y4:5"), ["ok"]);
-    assert_eq!(place(&mut host), [1, 4]);
+    let mut machine = reprap();
+    assert_eq!(machine.ask("G1 X1:2:3 Y4:5"), ["ok"]);
+    assert_eq!(xy_mm(&machine), [1, 4]);
 }
 
 #[test]
@@ -176,59 +179,66 @@ fn a_wifi_password_survives() {
 
 #[test]
 fn each_letter_of_the_pages() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     // Letters without a meaning are ignored, also in a line that is checked.
-    host.run(1, &["G1 X1 H1 D2 Q3 L4 P5 S0 E1 T0", "G1 Y2 I K7"]);
+    send_numbered(
+        &mut machine,
+        1,
+        &["G1 X1 H1 D2 Q3 L4 P5 S0 E1 T0", "G1 Y2 I K7"],
+    );
     for axis in ["U", "V", "W"] {
         // Once for each job.
         let line = format!("G1 {axis}1");
-        let told = format!("echo:{axis}: no such axis");
-        assert_eq!(first(&mut host, &line), told);
-        assert_eq!(first(&mut host, &line), "");
+        let expected = format!("echo:{axis}: no such axis");
+        assert_eq!(first(&mut machine, &line), expected);
+        assert_eq!(first(&mut machine, &line), "");
     }
-    assert_eq!(place(&mut host), [1, 2]);
+    assert_eq!(xy_mm(&machine), [1, 2]);
 }
 
 #[test]
 fn arcs_with_e() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     let arc = "G2 X90.6 Y13.8 I5 J10 E22.4";
     // The centre is 5 and 10 mm from the start, and the end not on its circle.
     let off_the_circle = "Error:the target cannot be reached (error:33)";
-    assert_eq!(first(&mut host, arc), off_the_circle);
-    assert_eq!(host.xy(), [0, 0]);
+    assert_eq!(first(&mut machine, arc), off_the_circle);
+    assert_eq!(xy(&machine), [0, 0]);
     // Here it is, the radius being that of the start, 11.18 mm.
     for line in ["G1 X96.780340 Y3.8 F6000", arc] {
-        assert_eq!(host.ask(line), ["ok"], "{line}");
+        assert_eq!(machine.ask(line), ["ok"], "{line}");
     }
-    let position = first(&mut host, "M114");
+    let position = first(&mut machine, "M114");
     assert!(
         position.starts_with("X:90.600 Y:13.800 Z:0.000 E:22.400 "),
         "{position}"
     );
-    assert_eq!(host.ask("G3 X96.780340 Y3.8 I11.180340 J0 E44.8"), ["ok"]);
-    assert_eq!(place(&mut host), [96, 3]);
-    assert!(first(&mut host, "M114").contains(" E:44.800 "));
+    assert_eq!(
+        machine.ask("G3 X96.780340 Y3.8 I11.180340 J0 E44.8"),
+        ["ok"]
+    );
+    assert_eq!(xy_mm(&machine), [96, 3]);
+    assert!(first(&mut machine, "M114").contains(" E:44.800 "));
 }
 
 #[test]
 fn arcs_path_control_and_cycles_keep_their_words() {
     // Two circles, as in Marlin.
     let steps = |line: &str| {
-        let mut host = Host::new();
-        assert_eq!(host.ask(line), ["ok"], "{line}");
-        host.statistics.events
+        let mut machine = reprap();
+        assert_eq!(machine.ask(line), ["ok"], "{line}");
+        statistics(&machine.edges).events
     };
     let once = steps("G2 X0 I5 F6000");
     assert!(steps("G2 X0 I5 F6000 P2").abs_diff(2 * once) < once / 10);
-    let mut host = Host::new();
+    let mut machine = reprap();
     for (line, tolerances) in [
         ("G64 P0.5", (500_000, 500_000)),
         ("G64 P0.5 Q0.1", (500_000, 100_000)),
         ("G1 G64 X1 P0.25 Q0", (250_000, 0)),
     ] {
-        assert_eq!(host.ask(line), ["ok"], "{line}");
-        let path = host.simulator.session().interpreter().modal().path;
+        assert_eq!(machine.ask(line), ["ok"], "{line}");
+        let path = machine.session().interpreter().modal().path;
         let expected = PathControl::Continuous {
             tolerance_nm: tolerances.0,
             merging_nm: tolerances.1,
@@ -246,57 +256,56 @@ fn arcs_path_control_and_cycles_keep_their_words() {
         ("G80", 7),
         ("G0 G40 Z2", 2),
     ] {
-        assert_eq!(host.ask(line), ["ok"], "{line}");
-        let steps = host.simulator.physical_steps()[2];
+        assert_eq!(machine.ask(line), ["ok"], "{line}");
+        let steps = machine.physical_steps()[2];
         assert_eq!(steps, z * STEPS_PER_MM, "{line}");
     }
-    let before = place(&mut host)[0];
+    let before = xy_mm(&machine)[0];
     for line in ["G91 G99 G82 X1 Z-1 R0 P0 F6000", "X1 L3"] {
-        assert_eq!(host.ask(line), ["ok"], "{line}");
+        assert_eq!(machine.ask(line), ["ok"], "{line}");
     }
-    assert_eq!(place(&mut host)[0], before + 4);
-    assert!(seconds(&mut host, "X1 P2") > 2.0);
+    assert_eq!(xy_mm(&machine)[0], before + 4);
+    assert!(seconds(&mut machine, "X1 P2") > 2.0);
     let mut steps = |line: &str| {
-        let before = host.statistics.events;
-        assert_eq!(host.ask(line), ["ok"], "{line}");
-        host.statistics.events - before
+        let before = statistics(&machine.edges).events;
+        assert_eq!(machine.ask(line), ["ok"], "{line}");
+        statistics(&machine.edges).events - before
     };
     let one_peck = steps("G83 X1 Z-10 R0 Q10");
     let many_pecks = steps("X1 Q0.5");
     assert!(many_pecks > 3 * one_peck, "{many_pecks}, {one_peck}");
-    assert_eq!(host.ask("G90 G98 G80"), ["ok"]);
+    assert_eq!(machine.ask("G90 G98 G80"), ["ok"]);
     let missing = "Error:the command lacks a value word (error:28)";
-    let answer = host.ask("G82 X1 Z-1 R2");
+    let answer = machine.ask("G82 X1 Z-1 R2");
     assert_eq!(answer, ["[MSG:P is missing]", missing, "ok"]);
     // Also beside a code of Grbl's a G0 goes at F.
-    host.ask("G40 F600");
-    let slow = seconds(&mut host, "G0 G40 X-50");
+    machine.ask("G40 F600");
+    let slow = seconds(&mut machine, "G0 G40 X-50");
     assert!(slow > 5.0, "{slow}");
 }
 
 #[test]
 fn what_hosts_poll_is_answered_by_ok_alone() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     for line in [
         "M21", "M24", "M27", "M31", "M108", "M155 S2", "M410", "M500", "M501", "M84", "M17", "T0",
         "M113", "M220", "M221", "M154", "M104", "M140 S0", "M109 S0",
     ] {
-        host.receive(line.as_bytes());
-        host.receive(b"\n");
-        host.run_ms(2500);
-        assert_eq!(host.lines(), ["ok"], "{line}");
+        machine.send(line);
+        machine.send_for(b"\n", 2500);
+        assert_eq!(machine.lines(), ["ok"], "{line}");
     }
     for code in 29..=32 {
         let unknown = format!("echo:Unknown command: \"G{code}\"");
-        assert_eq!(first(&mut host, &format!("G{code}")), unknown);
+        assert_eq!(first(&mut machine, &format!("G{code}")), unknown);
     }
 }
 
 #[test]
 fn e_is_counted_where_it_drives_nothing() {
-    let mut host = Host::new();
-    let e = |host: &mut Host| {
-        let position = first(host, "M114");
+    let mut machine = reprap();
+    let e = |machine: &mut Machine| {
+        let position = first(machine, "M114");
         let (_, rest) = position.split_once(" E:").expect("an E");
         rest.split_once(' ').expect("a count").0.to_owned()
     };
@@ -320,87 +329,85 @@ fn e_is_counted_where_it_drives_nothing() {
         // A refused line changes nothing.
         ("G2 X9 Y9 E90", "30.000"),
     ] {
-        host.ask(line);
-        assert_eq!(e(&mut host), position, "{line}");
+        machine.ask(line);
+        assert_eq!(e(&mut machine), position, "{line}");
     }
-    assert_eq!(place(&mut host), [2, 1]);
+    assert_eq!(xy_mm(&machine), [2, 1]);
 }
 
 #[test]
 fn g92_sets_the_logical_position() {
-    let mut host = Host::new();
-    host.run(1, &["G1 X10 Y5", "G92 X1 E7", "G1 X2 Y6"]);
-    assert_eq!(place(&mut host), [11, 6]);
-    host.run(4, &["G92", "G1 X1 Y1"]);
-    assert_eq!(place(&mut host), [12, 7]);
+    let mut machine = reprap();
+    send_numbered(&mut machine, 1, &["G1 X10 Y5", "G92 X1 E7", "G1 X2 Y6"]);
+    assert_eq!(xy_mm(&machine), [11, 6]);
+    send_numbered(&mut machine, 4, &["G92", "G1 X1 Y1"]);
+    assert_eq!(xy_mm(&machine), [12, 7]);
 }
 
 #[test]
 fn g28_homes_and_counts_from_the_negative_end() {
-    let mut host = Host::new();
-    assert_eq!(first(&mut host, "G28"), "echo:homing is off, $22");
-    let mut host = Host::with(&["22=1", "788=7", "130=100", "131=200", "132=50"]);
-    assert_eq!(host.state(), State::Alarm);
+    let mut machine = reprap();
+    assert_eq!(first(&mut machine, "G28"), "echo:homing is off, $22");
+    let mut machine = reprap_with(&["22=1", "788=7", "130=100", "131=200", "132=50"]);
+    assert_eq!(machine.state(), State::Alarm);
     let locked = "Error:Printer stopped due to errors. G28 homes the machine; M999 to go on";
-    assert_eq!(first(&mut host, "G1 X1"), locked);
-    assert_eq!(host.ask("G28 X0 Y0"), ["ok"]);
-    assert!(first(&mut host, "M114").starts_with("X:100.000 Y:200.000 Z:0.000"));
-    assert_eq!(host.ask("G28"), ["ok"]);
-    assert!(first(&mut host, "M114").starts_with("X:100.000 Y:200.000 Z:50.000"));
-    assert_eq!(host.ask("G1 X90 F6000"), ["ok"]);
-    assert_eq!(place(&mut host), [-10, 0]);
+    assert_eq!(first(&mut machine, "G1 X1"), locked);
+    assert_eq!(machine.ask("G28 X0 Y0"), ["ok"]);
+    assert!(first(&mut machine, "M114").starts_with("X:100.000 Y:200.000 Z:0.000"));
+    assert_eq!(machine.ask("G28"), ["ok"]);
+    assert!(first(&mut machine, "M114").starts_with("X:100.000 Y:200.000 Z:50.000"));
+    assert_eq!(machine.ask("G1 X90 F6000"), ["ok"]);
+    assert_eq!(xy_mm(&machine), [-10, 0]);
 }
 
 #[test]
 fn back_to_the_pause_and_5_mm_above() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     assert_eq!(
-        first(&mut host, "G1 R1 Z5"),
+        first(&mut machine, "G1 R1 Z5"),
         "Error:no pause position (error:202)"
     );
-    host.receive(b"G1 X10 Y20 F6000\nM0\nG92 X0 Y0\nG91\nG1 X30 Y-5\n");
-    host.run_ms(2000);
-    assert_eq!(host.state(), State::HoldComplete);
-    host.receive(b"M108\n");
-    host.rest();
-    host.lines();
-    assert_eq!(place(&mut host), [40, 15]);
-    assert_eq!(host.ask("G1 R1 Z5 F6000"), ["ok"]);
-    assert_eq!(place(&mut host), [10, 20]);
-    assert_eq!(host.simulator.physical_steps()[2], 5 * STEPS_PER_MM);
+    machine.send_for(b"G1 X10 Y20 F6000\nM0\nG92 X0 Y0\nG91\nG1 X30 Y-5\n", 2000);
+    assert_eq!(machine.state(), State::HoldComplete);
+    machine.send(b"M108\n");
+    machine.run_to_rest();
+    machine.lines();
+    assert_eq!(xy_mm(&machine), [40, 15]);
+    assert_eq!(machine.ask("G1 R1 Z5 F6000"), ["ok"]);
+    assert_eq!(xy_mm(&machine), [10, 20]);
+    assert_eq!(machine.physical_steps()[2], 5 * STEPS_PER_MM);
     // The modes are as before.
-    assert_eq!(host.ask("G1 X1"), ["ok"]);
-    assert_eq!(place(&mut host), [11, 20]);
+    assert_eq!(machine.ask("G1 X1"), ["ok"]);
+    assert_eq!(xy_mm(&machine), [11, 20]);
 }
 
 #[test]
 fn g6_only_where_allowed_idle_and_in_range() {
-    let mut host = Host::with(&["784=1", "22=1", "788=7", "130=100", "131=100", "132=100"]);
-    host.ask("G28");
-    assert_eq!(host.ask("G6 A-45 F6000"), ["ok"]);
-    assert_eq!(place(&mut host), [-45, 0]);
+    let mut machine = reprap_with(&["784=1", "22=1", "788=7", "130=100", "131=100", "132=100"]);
+    machine.ask("G28");
+    assert_eq!(machine.ask("G6 A-45 F6000"), ["ok"]);
+    assert_eq!(xy_mm(&machine), [-45, 0]);
     // Not homed any more: nobody knows where the travel ends.
-    assert_eq!(host.ask("G6 B20 C10 R F6000"), ["ok"]);
-    assert_eq!(place(&mut host), [-45, 20]);
-    host.ask("G28");
+    assert_eq!(machine.ask("G6 B20 C10 R F6000"), ["ok"]);
+    assert_eq!(xy_mm(&machine), [-45, 20]);
+    machine.ask("G28");
     let refused = "Error:the target cannot be reached (error:33)";
-    assert_eq!(first(&mut host, "G6 A1"), refused);
-    assert_eq!(first(&mut host, "G6 A-101 B-1"), refused);
-    host.receive(b"G1 X0 F600\nG6 A-45\n");
-    host.run_ms(100);
+    assert_eq!(first(&mut machine, "G6 A1"), refused);
+    assert_eq!(first(&mut machine, "G6 A-101 B-1"), refused);
+    machine.send_for(b"G1 X0 F600\nG6 A-45\n", 100);
     let busy = "Error:only possible while the machine is idle (error:8)";
-    assert_eq!(host.lines(), ["ok", busy, "ok"]);
+    assert_eq!(machine.lines(), ["ok", busy, "ok"]);
 }
 
 #[test]
 fn s2_needs_784() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     let unknown = "echo:Unknown command: \"G1 S2 X5\"";
-    assert_eq!(first(&mut host, "G1 S2 X5"), unknown);
-    let mut host = Host::with(&["784=1"]);
-    assert_eq!(host.ask("G1 S2 X5 F6000"), ["ok"]);
-    assert_eq!(place(&mut host), [5, 0]);
-    assert_eq!(host.ask("G20"), ["ok"]);
-    assert_eq!(host.ask("G1 S2 Y1"), ["ok"]);
-    assert_eq!(host.xy()[1], (25.4 * f64::from(STEPS_PER_MM)) as i32);
+    assert_eq!(first(&mut machine, "G1 S2 X5"), unknown);
+    let mut machine = reprap_with(&["784=1"]);
+    assert_eq!(machine.ask("G1 S2 X5 F6000"), ["ok"]);
+    assert_eq!(xy_mm(&machine), [5, 0]);
+    assert_eq!(machine.ask("G20"), ["ok"]);
+    assert_eq!(machine.ask("G1 S2 Y1"), ["ok"]);
+    assert_eq!(xy(&machine)[1], (25.4 * f64::from(STEPS_PER_MM)) as i32);
 }

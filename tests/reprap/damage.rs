@@ -7,8 +7,8 @@ use leadscrew::{
 use proptest::prelude::*;
 
 use crate::{
-    cases,
-    host::{Host, STEPS_PER_MM, numbered, settings},
+    machine::{STEPS_PER_MM, machine_with, numbered, reprap, xy},
+    support::{Machine, cases, rounds},
 };
 
 /// Knuth's MMIX.
@@ -60,11 +60,16 @@ struct Sent {
 }
 
 /// Sends lines as Printrun does: the next at each `ok`, the one that is asked for at each `Resend`.
-fn send_as_printrun(host: &mut Host, lines: &[String], random: &mut Random, percent: u64) -> Sent {
+fn send_as_printrun(
+    machine: &mut Machine,
+    lines: &[String],
+    random: &mut Random,
+    percent: u64,
+) -> Sent {
     let mut next = 0;
     let mut resend: Option<usize> = None;
     let mut sent = Sent::default();
-    assert_eq!(host.ask(&numbered(-1, "M110 N-1")), ["ok"]);
+    assert_eq!(machine.ask(&numbered(-1, "M110 N-1")), ["ok"]);
     loop {
         let number = resend.unwrap_or(next);
         let Some(words) = lines.get(number) else {
@@ -79,18 +84,18 @@ fn send_as_printrun(host: &mut Host, lines: &[String], random: &mut Random, perc
         let line = numbered(i32::try_from(number).expect("few lines"), words) + "\n";
         let bytes = damaged(random, line.as_bytes(), percent);
         sent.damaged += usize::from(bytes != line.as_bytes());
-        host.receive(&bytes);
+        machine.send(&bytes);
         let expected = answered_lines(&bytes);
         let is_ok = |line: &&String| line.starts_with("ok");
         // A line whose end is lost is asked for after a second.
         let mut answers = Vec::new();
         for _ in 0..30 {
-            host.rest();
-            answers.extend(host.lines());
+            machine.run_to_rest();
+            answers.extend(machine.lines());
             if answers.iter().filter(is_ok).count() >= expected {
                 break;
             }
-            host.run_ms(100);
+            machine.run(100);
         }
         let answered = answers.iter().filter(is_ok).count();
         assert_eq!(answered, expected, "{answers:?} for {bytes:?}");
@@ -116,8 +121,8 @@ fn send_as_printrun(host: &mut Host, lines: &[String], random: &mut Random, perc
 fn of_many_damaged_lines_none_is_executed_and_every_one_is_answered_once() {
     let mut random = Random(19);
     let mut damaged = 0;
-    while damaged < 100_000 {
-        let mut host = Host::new();
+    while damaged < rounds(100_000) as usize {
+        let mut machine = reprap();
         let mut lines = vec!["M83".to_owned(), "G91".to_owned(), "G1 F6000".to_owned()];
         let mut sum = [0; 2];
         for _ in 0..1000 {
@@ -128,9 +133,9 @@ fn of_many_damaged_lines_none_is_executed_and_every_one_is_answered_once() {
             let letter = ["Y", "E"][axis];
             lines.push(format!("G1 {letter}{:.3}", f64::from(thousandths) / 1000.0));
         }
-        damaged += send_as_printrun(&mut host, &lines, &mut random, 50).damaged;
+        damaged += send_as_printrun(&mut machine, &lines, &mut random, 50).damaged;
         let mm = sum.map(|sum| format!("{:.3}", f64::from(sum) / 1000.0));
-        let position = host.ask("M114").remove(0);
+        let position = machine.ask("M114").remove(0);
         let expected = format!("X:0.000 Y:{} Z:0.000 E:{} Count", mm[0], mm[1]);
         assert!(position.starts_with(&expected), "{position}: {expected}");
     }
@@ -142,7 +147,7 @@ proptest! {
     #[test]
     fn a_job_over_a_bad_line_is_executed_as_it_was_sent(seed in any::<u64>()) {
         let mut random = Random(seed);
-        let mut host = Host::new();
+        let mut machine = reprap();
         let mut lines = vec!["G91".to_owned(), "G1 F6000".to_owned()];
         let mut sum = [0; 2];
         for _ in 0..50 {
@@ -154,9 +159,9 @@ proptest! {
             lines.push(format!("G1 {letter}{mm:.4}"));
         }
         let percent = [6, 30][random.below(2) as usize];
-        let sent = send_as_printrun(&mut host, &lines, &mut random, percent);
-        host.ask("M400");
-        prop_assert_eq!(host.xy(), sum);
+        let sent = send_as_printrun(&mut machine, &lines, &mut random, percent);
+        machine.ask("M400");
+        prop_assert_eq!(xy(&machine), sum);
         prop_assert!(sent.lines >= lines.len());
     }
 }
@@ -165,7 +170,7 @@ proptest! {
 fn send_random_bytes(dialect: &str, seed: u64) {
     let is_reprap = dialect == "780=1";
     let mut random = Random(seed);
-    let mut host = Host::of(&settings(&[dialect]));
+    let mut machine = machine_with(&[dialect]);
     let mut raw: RawLine = RawLine::new();
     let (mut expected, mut answered) = (0, 0);
     let mut is_first = true;
@@ -185,18 +190,18 @@ fn send_random_bytes(dialect: &str, seed: u64) {
             (..) => b'x',
         };
         is_first = matches!(byte, b'\n' | b'\r');
-        host.receive(&[byte]);
+        machine.send([byte]);
         if is_first {
             let is_blank = is_reprap && raw.verdict(0, false) == Verdict::Blank;
             expected += usize::from(!is_blank);
             raw.clear();
-            host.rest();
-            if host.state() == State::HoldComplete {
+            machine.run_to_rest();
+            if machine.state() == State::HoldComplete {
                 // A pause of the program.
-                host.receive(b"~");
-                host.rest();
+                machine.send(b"~");
+                machine.run_to_rest();
             }
-            let lines = host.lines();
+            let lines = machine.lines();
             let is_answer = |line: &&String| line.starts_with("ok") || line.starts_with("error:");
             answered += lines.iter().filter(is_answer).count();
             assert_eq!(answered, expected, "{lines:?}");
@@ -223,9 +228,9 @@ fn what_is_no_line_is_refused_in_clear_words_and_nothing_of_it_is_executed() {
     const NUMBER: &str = "Error:a letter must be followed by a number (error:2)";
     const LETTER: &str = "Error:a word must begin with a letter (error:1)";
     const MISMATCH: &str = "Error:checksum mismatch, Last Line: 0";
-    let mut host = Host::new();
+    let mut machine = reprap();
     let long = format!("G1 X{}", "1".repeat(60));
-    for (line, told) in [
+    for (line, expected) in [
         ("G1 X\"1", NUMBER),
         ("G1 X5 P\"a\"\"b", NUMBER),
         ("M106 S256", RANGE),
@@ -249,9 +254,9 @@ fn what_is_no_line_is_refused_in_clear_words_and_nothing_of_it_is_executed() {
         ("N-2 G1 X5*1", MISMATCH),
         ("\u{1}\u{2}\u{7f}", LETTER),
     ] {
-        let answer = host.ask(line);
-        assert_eq!(answer.first().map(String::as_str), Some(told), "{line}");
+        let answer = machine.ask(line);
+        assert_eq!(answer.first().map(String::as_str), Some(expected), "{line}");
         assert_eq!(answer.last().map(String::as_str), Some("ok"), "{line}");
     }
-    assert_eq!(host.xy(), [0, 0]);
+    assert_eq!(xy(&machine), [0, 0]);
 }

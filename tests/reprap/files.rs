@@ -1,6 +1,6 @@
 //! Whole files of slicers and of a plotter, with the lines numbered as hosts send them.
 
-use crate::host::{Host, STEPS_PER_MM, numbered};
+use crate::machine::{STEPS_PER_MM, numbered, reprap_with};
 
 const FILES: [(&str, &str); 3] = [
     ("PrusaSlicer", include_str!("files/prusa.gcode")),
@@ -22,7 +22,7 @@ fn value(line: &str, letter: char) -> Option<f64> {
 #[test]
 fn files_of_slicers_and_plotters_run_to_their_end() {
     for (name, text) in FILES {
-        let mut host = Host::with(&FRAME);
+        let mut machine = reprap_with(&FRAME);
         // Hosts leave comments and blank lines out.
         let words = text.lines().filter_map(|line| line.split(';').next());
         let lines: Vec<&str> = words
@@ -31,17 +31,17 @@ fn files_of_slicers_and_plotters_run_to_their_end() {
             .collect();
         let mut absent = Vec::new();
         for (number, line) in (1..).zip(&lines) {
-            let mut answer = host.ask(&numbered(number, line));
+            let mut answer = machine.ask(&numbered(number, line));
             let last = answer.pop().unwrap_or_default();
             assert!(last.starts_with("ok"), "{name}, {line}: {last:?}");
             assert!(
-                answer.iter().all(|said| said.starts_with("echo:")),
+                answer.iter().all(|message| message.starts_with("echo:")),
                 "{name}, {line}: {answer:?}"
             );
             absent.extend(
                 answer
                     .into_iter()
-                    .filter(|said| said.ends_with("not present")),
+                    .filter(|message| message.ends_with("not present")),
             );
         }
         for (axis, letter) in "XYZ".chars().enumerate() {
@@ -50,15 +50,16 @@ fn files_of_slicers_and_plotters_run_to_their_end() {
             // The ends of the travel are its zero, and the machine stood at the other ones.
             let travel: f64 = FRAME[axis].split('=').nth(1).unwrap().parse().unwrap();
             let steps = ((end - travel) * f64::from(STEPS_PER_MM)).round() as i32;
-            assert_eq!(
-                host.simulator.physical_steps()[axis],
-                steps,
-                "{name}, {letter}"
-            );
+            assert_eq!(machine.physical_steps()[axis], steps, "{name}, {letter}");
         }
         // Each heater is told once.
         let heaters = ["M104", "M109", "M140", "M190"];
-        let told = |heater: &&str| absent.iter().filter(|said| said.contains(*heater)).count();
+        let reported = |heater: &&str| {
+            absent
+                .iter()
+                .filter(|message| message.contains(*heater))
+                .count()
+        };
         let used = |heater: &&str| {
             let is_used = |line: &&str| line.starts_with(*heater) && !line.ends_with("S0");
             usize::from(
@@ -68,7 +69,11 @@ fn files_of_slicers_and_plotters_run_to_their_end() {
             )
         };
         for heater in heaters {
-            assert_eq!(told(&heater), used(&heater), "{name}, {heater}: {absent:?}");
+            assert_eq!(
+                reported(&heater),
+                used(&heater),
+                "{name}, {heater}: {absent:?}"
+            );
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use leadscrew::model::State;
 
-use crate::host::{Host, STEPS_PER_MM};
+use crate::machine::{STEPS_PER_MM, machine_with, reprap, reprap_with, xy};
 
 /// Not homed; it homes where it stands, at the upper end of 100 mm.
 const FRAME: [&str; 5] = ["22=1", "788=7", "130=100", "131=100", "132=100"];
@@ -125,26 +125,26 @@ const STARTS: [(&str, &[&str]); 7] = [
 #[test]
 fn files_run_from_their_first_line_though_nothing_is_homed() {
     for (name, lines) in STARTS {
-        let mut host = Host::with(&FRAME);
-        assert_eq!(host.state(), State::Alarm, "{name}");
+        let mut machine = reprap_with(&FRAME);
+        assert_eq!(machine.state(), State::Alarm, "{name}");
         for line in lines {
-            let mut answer = host.ask(line);
+            let mut answer = machine.ask(line);
             let last = answer.pop().unwrap_or_default();
             assert!(last.starts_with("ok"), "{name}, {line}: {answer:?}");
-            for told in answer {
-                let is_harmless = told.starts_with("echo:") && !told.contains("Unknown")
-                    || told.starts_with("FIRMWARE_NAME")
-                    || told.starts_with("Cap:");
-                assert!(is_harmless, "{name}, {line}: {told}");
+            for message in answer {
+                let is_harmless = message.starts_with("echo:") && !message.contains("Unknown")
+                    || message.starts_with("FIRMWARE_NAME")
+                    || message.starts_with("Cap:");
+                assert!(is_harmless, "{name}, {line}: {message}");
             }
         }
-        assert_eq!(host.state(), State::Idle, "{name}");
+        assert_eq!(machine.state(), State::Idle, "{name}");
     }
 }
 
 #[test]
 fn what_moves_or_switches_on_waits_for_g28() {
-    let mut host = Host::with(&[&FRAME[..], &["783=2"]].concat());
+    let mut machine = reprap_with(&[&FRAME[..], &["783=2"]].concat());
     for line in [
         "G1 X1",
         "G0 Y-1",
@@ -162,67 +162,63 @@ fn what_moves_or_switches_on_waits_for_g28() {
         "M0",
         "M6 T1",
     ] {
-        let answer = host.ask(line);
+        let answer = machine.ask(line);
         let is_refused = answer == [LOCKED, "ok"];
         let is_no_motion = line.ends_with('1') && line.starts_with("G30") || line == "G28.1 X0";
         assert!(is_refused || is_no_motion, "{line}: {answer:?}");
     }
-    assert_eq!(host.state(), State::Alarm);
-    assert_eq!(host.xy(), [0, 0]);
-    assert!(!host.simulator.outputs().coolant.flood);
+    assert_eq!(machine.state(), State::Alarm);
+    assert_eq!(xy(&machine), [0, 0]);
+    assert!(!machine.outputs().coolant.flood);
     // The modes of the lines before count behind it.
-    assert_eq!(host.ask("G91"), ["ok"]);
-    assert_eq!(host.ask("G20"), ["ok"]);
-    assert_eq!(host.ask("G1 F100"), ["ok"]);
-    assert_eq!(host.ask("G28"), ["ok"]);
-    assert_eq!(host.ask("G1 X-1"), ["ok"]);
+    assert_eq!(machine.ask("G91"), ["ok"]);
+    assert_eq!(machine.ask("G20"), ["ok"]);
+    assert_eq!(machine.ask("G1 F100"), ["ok"]);
+    assert_eq!(machine.ask("G28"), ["ok"]);
+    assert_eq!(machine.ask("G1 X-1"), ["ok"]);
     let inch = (25.4 * f64::from(STEPS_PER_MM)).round() as i32;
-    assert_eq!(host.xy(), [-inch, 0]);
+    assert_eq!(xy(&machine), [-inch, 0]);
 }
 
 #[test]
 fn after_another_alarm_only_m999_goes_on() {
-    let mut host = Host::with(&FRAME);
-    host.receive(b"M112\n");
-    host.run_ms(1000);
-    host.lines();
+    let mut machine = reprap_with(&FRAME);
+    machine.send_for(b"M112\n", 1000);
+    machine.lines();
     let killed = "Error:Printer halted. kill() called!";
     for line in ["G21", "G90", "G1 F100", "G92 X0", "M5"] {
-        assert_eq!(host.ask(line), [killed, "ok"], "{line}");
+        assert_eq!(machine.ask(line), [killed, "ok"], "{line}");
     }
 }
 
 #[test]
 fn a_restart_tells_what_ends_the_lock_where_there_is_one() {
-    let mut host = Host::with(&FRAME);
+    let mut machine = reprap_with(&FRAME);
     let version = env!("CARGO_PKG_VERSION");
     let name = format!("echo:Leadscrew {version} (RepRap); homing on");
     let locked = "echo:G28 homes the machine; M999 to go on";
-    host.receive(b"\x18");
-    host.run_ms(50);
-    assert_eq!(host.lines(), ["start", name.as_str(), locked]);
-    assert_eq!(host.ask("M999"), ["ok", "start", name.as_str()]);
-    host.run_ms(50);
-    assert_eq!(host.state(), State::Idle);
-    assert_eq!(host.ask("G1 X-1 F6000"), ["ok"]);
+    machine.send_for(b"\x18", 50);
+    assert_eq!(machine.lines(), ["start", name.as_str(), locked]);
+    assert_eq!(machine.ask("M999"), ["ok", "start", name.as_str()]);
+    machine.run(50);
+    assert_eq!(machine.state(), State::Idle);
+    assert_eq!(machine.ask("G1 X-1 F6000"), ["ok"]);
     // Nothing homes a machine without homing.
-    let mut host = Host::new();
-    host.receive(b"G1 X50 F600\n");
-    host.run_ms(500);
-    host.lines();
-    host.receive(b"\x18");
-    host.run_ms(500);
-    let told = host.lines();
-    assert_eq!(told[2..], ["echo:M999 to go on"], "{told:?}");
+    let mut machine = reprap();
+    machine.send_for(b"G1 X50 F600\n", 500);
+    machine.lines();
+    machine.send_for(b"\x18", 500);
+    let lines = machine.lines();
+    assert_eq!(lines[2..], ["echo:M999 to go on"], "{lines:?}");
     let locked = "Error:Printer stopped due to errors. M999 to go on";
-    assert_eq!(host.ask("G1 X1"), [locked, "ok"]);
+    assert_eq!(machine.ask("G1 X1"), [locked, "ok"]);
 }
 
 #[test]
 fn grbls_dialect_refuses_every_line_before_homing() {
     let all: Vec<&str> = ["780=0"].iter().chain(&FRAME).copied().collect();
-    let mut host = Host::of(&crate::host::settings(&all));
+    let mut machine = machine_with(&all);
     for line in ["G21", "G90", "G1 F100"] {
-        assert_eq!(host.ask(line), ["error:9"], "{line}");
+        assert_eq!(machine.ask(line), ["error:9"], "{line}");
     }
 }

@@ -4,8 +4,8 @@ use leadscrew::protocol::{FailedCheck, MAX_NUMBER, RawLine, Verdict};
 use proptest::prelude::*;
 
 use crate::{
-    cases,
-    host::{Host, STEPS_PER_MM, numbered, settings},
+    machine::{STEPS_PER_MM, machine_with, numbered, reprap, send_numbered, xy},
+    support::{cases, statistics},
 };
 
 /// What a host gets for a damaged line.
@@ -24,8 +24,8 @@ const WRONG_NUMBER: &str = "Line Number is not Last Line Number+1";
 
 #[test]
 fn the_six_lines_of_the_reprap_pages() {
-    let mut host = Host::new();
-    assert_eq!(host.ask("M110 N2"), ["ok"]);
+    let mut machine = reprap();
+    assert_eq!(machine.ask("M110 N2"), ["ok"]);
     for line in [
         "N3 T0*57",
         "N4 G92 E0*67",
@@ -34,18 +34,18 @@ fn the_six_lines_of_the_reprap_pages() {
         "N7 G1 X2.0 Y2.0 F3000.0*85",
         "N8 G1 X3.0 Y3.0*33",
     ] {
-        let answer = host.ask(line);
+        let answer = machine.ask(line);
         assert_eq!(answer.last().map(String::as_str), Some("ok"), "{line}");
         let is_refused = answer.iter().any(|line| line.starts_with("Resend"));
         assert!(!is_refused, "{line}: {answer:?}");
     }
-    assert_eq!(host.xy(), [3 * STEPS_PER_MM; 2]);
+    assert_eq!(xy(&machine), [3 * STEPS_PER_MM; 2]);
 }
 
 #[test]
 fn each_kind_of_damage_is_answered_in_the_words_that_hosts_know() {
-    let mut host = Host::new();
-    host.run(1, &["G1 X1 F6000"]);
+    let mut machine = reprap();
+    send_numbered(&mut machine, 1, &["G1 X1 F6000"]);
     for (line, what) in [
         ("N2 G1 X2*1", MISMATCH),
         ("N2 G1 X2*999", MISMATCH),
@@ -61,35 +61,39 @@ fn each_kind_of_damage_is_answered_in_the_words_that_hosts_know() {
         (&numbered(-1, "G1 X2"), WRONG_NUMBER),
         (&numbered(i32::MAX, "G1 X2"), MISMATCH),
     ] {
-        assert_eq!(host.ask(line), refusal(what, 1), "{line}");
+        assert_eq!(machine.ask(line), refusal(what, 1), "{line}");
     }
-    assert_eq!(host.xy(), [STEPS_PER_MM, 0]);
-    host.run(2, &["G1 X2"]);
-    assert_eq!(host.xy(), [2 * STEPS_PER_MM, 0]);
+    assert_eq!(xy(&machine), [STEPS_PER_MM, 0]);
+    send_numbered(&mut machine, 2, &["G1 X2"]);
+    assert_eq!(xy(&machine), [2 * STEPS_PER_MM, 0]);
 }
 
 #[test]
 fn blanks_belong_to_the_checksum_and_comments_do_not_end_it() {
-    let mut host = Host::new();
-    host.run(1, &["  G1   X1\tF6000 ", "g1 x2", "G1 (a*b) X3"]);
+    let mut machine = reprap();
+    send_numbered(
+        &mut machine,
+        1,
+        &["  G1   X1\tF6000 ", "g1 x2", "G1 (a*b) X3"],
+    );
     let line = numbered(4, "G1 X4") + " ; the last * one\r";
-    assert_eq!(host.ask(&line), ["ok"]);
-    assert_eq!(host.xy(), [4 * STEPS_PER_MM, 0]);
-    assert_eq!(host.ask("N5 G1 X5 *80"), refusal(MISMATCH, 4));
+    assert_eq!(machine.ask(&line), ["ok"]);
+    assert_eq!(xy(&machine), [4 * STEPS_PER_MM, 0]);
+    assert_eq!(machine.ask("N5 G1 X5 *80"), refusal(MISMATCH, 4));
 }
 
 #[test]
 fn nothing_is_answered_to_a_line_without_words() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     for line in ["", "  ", ";", "; G1 X1", "(G1 X1)", "\r\r\n", "\t;*33"] {
-        assert!(host.ask(line).is_empty(), "{line:?}");
+        assert!(machine.ask(line).is_empty(), "{line:?}");
     }
-    assert_eq!(host.ask("G1 X1 F6000 ;"), ["ok"]);
+    assert_eq!(machine.ask("G1 X1 F6000 ;"), ["ok"]);
 }
 
 #[test]
 fn m110_sets_the_number_in_each_of_its_forms() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     for (line, last) in [
         ("M110 N7", 7),
         ("N-1 M110 N-1*125", -1),
@@ -97,19 +101,19 @@ fn m110_sets_the_number_in_each_of_its_forms() {
         (&numbered(41, "M110"), 41),
         (&numbered(9, "m110 n12"), 12),
     ] {
-        assert_eq!(host.ask(line), ["ok"], "{line}");
-        let told = format!("echo:Line number: {last}");
-        assert_eq!(host.ask("M110"), [told.as_str(), "ok"], "{line}");
+        assert_eq!(machine.ask(line), ["ok"], "{line}");
+        let expected = format!("echo:Line number: {last}");
+        assert_eq!(machine.ask("M110"), [expected.as_str(), "ok"], "{line}");
     }
-    assert_eq!(host.ask("N3 M110 N3*1"), refusal(MISMATCH, 12));
-    assert_eq!(host.ask("N3 M110 N3"), refusal(NO_CHECKSUM, 12));
-    assert_eq!(host.ask("N3 M110 Nx*124"), refusal(MISMATCH, 12));
-    host.run(13, &["G1 X1 F6000"]);
+    assert_eq!(machine.ask("N3 M110 N3*1"), refusal(MISMATCH, 12));
+    assert_eq!(machine.ask("N3 M110 N3"), refusal(NO_CHECKSUM, 12));
+    assert_eq!(machine.ask("N3 M110 Nx*124"), refusal(MISMATCH, 12));
+    send_numbered(&mut machine, 13, &["G1 X1 F6000"]);
 }
 
 #[test]
 fn lines_that_wait_when_one_is_asked_for_again_are_dropped() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     let mut bytes = numbered(1, "G1 X1 F6000").replace('X', "Y").into_bytes();
     bytes.push(b'\n');
     for number in 2..9 {
@@ -117,56 +121,55 @@ fn lines_that_wait_when_one_is_asked_for_again_are_dropped() {
         bytes.push(b'\n');
     }
     for byte in bytes {
-        host.simulator.receive(byte);
+        machine.receive(byte);
     }
-    host.rest();
-    let answers = host.lines();
+    let answers = machine.answers();
     let requests = answers.iter().filter(|line| line.starts_with("Resend"));
     assert_eq!(requests.count(), 1, "{answers:?}");
     let acknowledged = answers.iter().filter(|line| *line == "ok").count();
     assert_eq!(acknowledged, 8, "{answers:?}");
-    assert_eq!(host.xy(), [0; 2]);
-    host.run(1, &["G1 X1 F6000", "G1 X2"]);
+    assert_eq!(xy(&machine), [0; 2]);
+    send_numbered(&mut machine, 1, &["G1 X1 F6000", "G1 X2"]);
     // The request has been lost: the next line repeats it.
-    assert_eq!(host.ask(&numbered(4, "G1 X4")), refusal(WRONG_NUMBER, 2));
-    assert_eq!(host.ask(&numbered(4, "G1 X4")), refusal(WRONG_NUMBER, 2));
+    assert_eq!(machine.ask(&numbered(4, "G1 X4")), refusal(WRONG_NUMBER, 2));
+    assert_eq!(machine.ask(&numbered(4, "G1 X4")), refusal(WRONG_NUMBER, 2));
 }
 
 #[test]
 fn a_line_received_right_but_refused_by_its_words_counts() {
-    let mut host = Host::new();
-    let answer = host.ask(&numbered(1, "G2 X1 Y1 F100"));
+    let mut machine = reprap();
+    let answer = machine.ask(&numbered(1, "G2 X1 Y1 F100"));
     assert_eq!(answer.len(), 2, "{answer:?}");
     assert!(answer[0].starts_with("Error:") && answer[0].ends_with("(error:35)"));
-    let answer = host.ask(&numbered(2, "G150 X1"));
+    let answer = machine.ask(&numbered(2, "G150 X1"));
     assert_eq!(answer, ["echo:Unknown command: \"G150 X1\"", "ok"]);
-    host.run(3, &["G1 X1 F6000"]);
+    send_numbered(&mut machine, 3, &["G1 X1 F6000"]);
 }
 
 #[test]
 fn a_line_that_is_too_long_is_counted_and_refused() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     let long = format!("G1 X1 {}", "Y1 ".repeat(100));
-    let answer = host.ask(&numbered(1, &long));
+    let answer = machine.ask(&numbered(1, &long));
     assert_eq!(answer, ["Error:the line is too long (error:11)", "ok"]);
-    host.run(2, &["G1 X1 F6000"]);
-    assert_eq!(host.xy(), [STEPS_PER_MM, 0]);
+    send_numbered(&mut machine, 2, &["G1 X1 F6000"]);
+    assert_eq!(xy(&machine), [STEPS_PER_MM, 0]);
 }
 
 #[test]
 fn a_megabyte_without_a_line_end_is_one_line_that_is_refused() {
     let reprap: &[&str] = &["Error:the line is too long (error:11)", "ok"];
     for (dialect, refused) in [("780=1", reprap), ("780=2", &["error:11"])] {
-        let mut host = Host::of(&settings(&[dialect]));
+        let mut machine = machine_with(&[dialect]);
         for _ in 0..1 << 20 {
-            host.simulator.receive(b'X');
-            host.simulator.settle();
+            machine.receive(b'X');
+            machine.settle();
         }
-        assert!(host.lines().is_empty());
-        assert_eq!(host.ask(""), refused, "{dialect}");
-        assert_eq!(host.ask("G1 X1 F6000"), ["ok"], "{dialect}");
-        assert_eq!(host.simulator.lost(), 0, "{dialect}");
-        assert_eq!(host.xy(), [STEPS_PER_MM, 0], "{dialect}");
+        assert!(machine.lines().is_empty());
+        assert_eq!(machine.ask(""), refused, "{dialect}");
+        assert_eq!(machine.ask("G1 X1 F6000"), ["ok"], "{dialect}");
+        assert_eq!(machine.lost(), 0, "{dialect}");
+        assert_eq!(xy(&machine), [STEPS_PER_MM, 0], "{dialect}");
     }
 }
 
@@ -249,29 +252,29 @@ proptest! {
 
 #[test]
 fn grbls_words_may_have_checked_lines() {
-    let mut host = Host::of(&settings(&["780=2"]));
-    assert_eq!(host.ask("G21"), ["ok"]);
-    assert_eq!(host.ask(""), ["ok"]);
-    assert_eq!(host.ask(&numbered(1, "G1 X1 F6000")), ["ok"]);
-    assert_eq!(host.ask("N7 G1 X2"), ["ok"]);
-    assert_eq!(host.ask("N2 G1 X3*1"), ["[MSG:Resend: 2]", "error:200"]);
-    assert_eq!(host.ask("G1 X3*1"), ["[MSG:Resend: 2]", "error:200"]);
-    assert_eq!(host.ask("N2 G1 X3*12345"), ["[MSG:Resend: 2]", "error:200"]);
+    let mut machine = machine_with(&["780=2"]);
+    assert_eq!(machine.ask("G21"), ["ok"]);
+    assert_eq!(machine.ask(""), ["ok"]);
+    assert_eq!(machine.ask(&numbered(1, "G1 X1 F6000")), ["ok"]);
+    assert_eq!(machine.ask("N7 G1 X2"), ["ok"]);
+    assert_eq!(machine.ask("N2 G1 X3*1"), ["[MSG:Resend: 2]", "error:200"]);
+    assert_eq!(machine.ask("G1 X3*1"), ["[MSG:Resend: 2]", "error:200"]);
     assert_eq!(
-        host.ask("N99999999999 G1 X3*1"),
+        machine.ask("N2 G1 X3*12345"),
         ["[MSG:Resend: 2]", "error:200"]
     );
-    assert_eq!(host.ask("G1 X\"3"), ["error:2"]);
-    let gap = numbered(3, "G1 X3");
-    assert_eq!(host.ask(&gap), ["[MSG:Resend: 2]", "error:201"]);
-    assert_eq!(host.ask("M110 N2"), ["ok"]);
-    assert_eq!(host.ask(&gap), ["ok"]);
-    assert_eq!(host.ask("G150"), ["error:20"]);
-    assert_eq!(host.xy(), [3 * STEPS_PER_MM, 0]);
     assert_eq!(
-        host.ask("?").first().map(|line| line.starts_with("<Idle|")),
-        Some(true)
+        machine.ask("N99999999999 G1 X3*1"),
+        ["[MSG:Resend: 2]", "error:200"]
     );
+    assert_eq!(machine.ask("G1 X\"3"), ["error:2"]);
+    let gap = numbered(3, "G1 X3");
+    assert_eq!(machine.ask(&gap), ["[MSG:Resend: 2]", "error:201"]);
+    assert_eq!(machine.ask("M110 N2"), ["ok"]);
+    assert_eq!(machine.ask(&gap), ["ok"]);
+    assert_eq!(machine.ask("G150"), ["error:20"]);
+    assert_eq!(xy(&machine), [3 * STEPS_PER_MM, 0]);
+    assert_eq!(machine.report().state(), "Idle");
 }
 
 #[test]
@@ -289,15 +292,15 @@ fn a_file_runs_as_numbered_lines_do() {
         "X1 Y1",
     ];
     let hash = |lines: &[String]| {
-        let mut host = Host::new();
+        let mut machine = reprap();
         for line in lines {
-            let answer = host.ask(line);
+            let answer = machine.ask(line);
             let is_answered = answer.last().is_none_or(|last| last == "ok");
             let is_refused = answer.iter().any(|line| line.starts_with("Error"));
             assert!(is_answered && !is_refused, "{line}: {answer:?}");
         }
-        assert!(host.statistics.events > 1000);
-        host.statistics.hash
+        assert!(statistics(&machine.edges).events > 1000);
+        statistics(&machine.edges).hash
     };
     let plain: Vec<String> = program.map(str::to_owned).to_vec();
     // Senders leave comments out.
@@ -312,31 +315,31 @@ fn a_file_runs_as_numbered_lines_do() {
 
 #[test]
 fn without_the_dialect_an_asterisk_is_an_error_as_before() {
-    let mut host = Host::of(&settings(&[]));
-    assert_eq!(host.ask(&numbered(1, "G1 X1 F6000")), ["error:1"]);
-    assert_eq!(host.ask("$780=1"), ["ok"]);
-    assert_eq!(host.ask(&numbered(1, "G1 X1 F6000")), ["ok"]);
-    assert_eq!(host.ask("$780=0"), ["ok"]);
-    assert_eq!(host.ask("M105"), ["error:20"]);
+    let mut machine = machine_with(&[]);
+    assert_eq!(machine.ask(&numbered(1, "G1 X1 F6000")), ["error:1"]);
+    assert_eq!(machine.ask("$780=1"), ["ok"]);
+    assert_eq!(machine.ask(&numbered(1, "G1 X1 F6000")), ["ok"]);
+    assert_eq!(machine.ask("$780=0"), ["ok"]);
+    assert_eq!(machine.ask("M105"), ["error:20"]);
 }
 
 #[test]
 fn a_line_that_has_lost_bytes_is_not_executed_where_its_checksum_is_right_all_the_same() {
     for dialect in ["780=1", "780=2"] {
-        let mut host = Host::of(&settings(&[dialect]));
+        let mut machine = machine_with(&[dialect]);
         let line = numbered(1, "G1 X1005 F500");
         // Two equal bytes change nothing of an exclusive or.
         let (before, after) = line.split_once("00").unwrap();
-        host.receive(before.as_bytes());
-        host.simulator.receive_damaged();
-        host.receive(after.as_bytes());
-        let answer = host.ask("");
+        machine.send(before);
+        machine.receive_damaged();
+        machine.send(after);
+        let answer = machine.ask("");
         assert!(
             answer.iter().any(|line| line.contains("Resend: 1")),
             "{answer:?}"
         );
-        assert_eq!(host.xy(), [0, 0]);
-        assert_eq!(host.ask(&numbered(1, "G1 X2 F500")), ["ok"]);
-        assert_eq!(host.xy(), [2 * STEPS_PER_MM, 0]);
+        assert_eq!(xy(&machine), [0, 0]);
+        assert_eq!(machine.ask(&numbered(1, "G1 X2 F500")), ["ok"]);
+        assert_eq!(xy(&machine), [2 * STEPS_PER_MM, 0]);
     }
 }

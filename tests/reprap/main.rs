@@ -2,8 +2,6 @@
 
 mod accessories;
 mod answers;
-#[path = "../support/cases.rs"]
-mod cases;
 mod codes;
 mod damage;
 mod emergencies;
@@ -11,10 +9,10 @@ mod emergencies;
 mod extruder;
 mod files;
 mod homing;
-mod host;
 mod lines;
+mod machine;
 mod pages;
+#[path = "../support/mod.rs"]
+mod support;
 mod switches;
 mod times;
-
-use cases::cases;

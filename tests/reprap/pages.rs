@@ -1,32 +1,35 @@
 //! The example lines of the RepRap G-code pages, to the byte, with the comments behind them.
 
-use crate::host::{Host, STEPS_PER_MM, numbered};
+use crate::{
+    machine::{STEPS_PER_MM, numbered, reprap, reprap_with, xy},
+    support::Machine,
+};
 
 /// A line as it is printed there, its answer but for the `ok`, and where X, Y and Z are then, mm.
 type Example = (&'static str, &'static [&'static str], [f64; 3]);
 
 /// Fails unless each line has its answer and leads to its place.
-fn run(host: &mut Host, examples: &[Example]) {
-    for (line, told, place) in examples {
-        let mut expected = told.to_vec();
+fn run(machine: &mut Machine, examples: &[Example]) {
+    for (line, answer, position) in examples {
+        let mut expected = answer.to_vec();
         // A line without words has no answer.
         if !line.trim_start().starts_with([';', '(']) || line.contains("G28") {
             expected.push("ok");
         }
-        assert_eq!(host.ask(line), expected, "{line}");
-        let steps = place.map(|mm| (mm * f64::from(STEPS_PER_MM)).round() as i32);
-        let at = host.simulator.physical_steps();
+        assert_eq!(machine.ask(line), expected, "{line}");
+        let steps = position.map(|mm| (mm * f64::from(STEPS_PER_MM)).round() as i32);
+        let at = machine.physical_steps();
         assert_eq!([at[0], at[1], at[2]], steps, "{line}");
     }
 }
 
 #[test]
 fn comments_numbers_and_checksums_are_as_in_the_examples() {
-    let mut host = Host::new();
-    assert_eq!(host.ask("M110 N2"), ["ok"]);
+    let mut machine = reprap();
+    assert_eq!(machine.ask("M110 N2"), ["ok"]);
     let off: &[&str] = &["echo:homing is off, $22"];
     run(
-        &mut host,
+        &mut machine,
         &[
             ("N3 T0*57 ; This is a comment", &[], [0.0; 3]),
             ("N4 G92 E0*67", &[], [0.0; 3]),
@@ -51,15 +54,15 @@ fn comments_numbers_and_checksums_are_as_in_the_examples() {
         ("N123 [...G Code in here...] *71", "checksum mismatch"),
     ] {
         let refused = format!("Error:{what}, Last Line: 8");
-        assert_eq!(host.ask(line), [&refused, "Resend: 9", "ok"], "{line}");
+        assert_eq!(machine.ask(line), [&refused, "Resend: 9", "ok"], "{line}");
     }
 }
 
 #[test]
 fn moves_and_waits_are_as_in_the_examples() {
-    let mut host = Host::new();
+    let mut machine = reprap();
     run(
-        &mut host,
+        &mut machine,
         &[
             (
                 "G0 X12               ; move to 12mm on the X axis",
@@ -116,9 +119,9 @@ fn moves_and_waits_are_as_in_the_examples() {
         ],
     );
     // Each of them is right in a checked line, too.
-    let position = host.ask("M114").remove(0);
+    let position = machine.ask("M114").remove(0);
     assert!(position.contains(" E:22.400 "), "{position}");
-    assert_eq!(host.ask(&numbered(1, "G4 P200")), ["ok"]);
+    assert_eq!(machine.ask(&numbered(1, "G4 P200")), ["ok"]);
 }
 
 #[test]
@@ -128,9 +131,9 @@ fn single_motors_are_moved_as_in_the_examples() {
         "G6 B20 R   ; Move SCARA B stepper 20\u{b0} counter-clockwise",
         "G6 C10 R   ; Move DELTA C carriage up by 10mm",
     ];
-    let mut host = Host::with(&["784=1"]);
+    let mut machine = reprap_with(&["784=1"]);
     run(
-        &mut host,
+        &mut machine,
         &[
             (lines[0], &[], [45.0, 0.0, 0.0]),
             (lines[1], &[], [45.0, 20.0, 0.0]),
@@ -138,14 +141,14 @@ fn single_motors_are_moved_as_in_the_examples() {
         ],
     );
     // Where they are not allowed, they are unknown.
-    let mut host = Host::new();
+    let mut machine = reprap();
     for line in lines {
-        let told = host.ask(line);
+        let answer = machine.ask(line);
         assert!(
-            told[0].starts_with("echo:Unknown command: \"G6 "),
-            "{told:?}"
+            answer[0].starts_with("echo:Unknown command: \"G6 "),
+            "{answer:?}"
         );
-        assert_eq!(told[1..], ["ok"]);
-        assert_eq!(host.xy(), [0, 0], "{line}");
+        assert_eq!(answer[1..], ["ok"]);
+        assert_eq!(xy(&machine), [0, 0], "{line}");
     }
 }

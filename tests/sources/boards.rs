@@ -3,13 +3,13 @@
 use std::{fs, path::Path};
 
 fn text(path: &str) -> String {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
     fs::read_to_string(root.join(path)).unwrap_or_default()
 }
 
 /// Returns the names of the files of a folder that end in `.toml`, but for Cargo's.
 fn names(folder: &str) -> Vec<String> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
     let listing = fs::read_dir(root.join(folder)).expect("the folder is there");
     let names = listing.flatten().map(|entry| entry.file_name());
     let names = names.filter_map(|name| Some(name.to_str()?.strip_suffix(".toml")?.to_owned()));

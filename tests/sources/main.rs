@@ -4,7 +4,6 @@
 #![cfg(not(target_os = "none"))]
 
 mod boards;
-mod commands;
 mod costs;
 mod glue;
 mod layers;
@@ -24,7 +23,7 @@ use std::{
 /// The files of Rust at or below some places of the project, as paths from its root, with what is in
 /// them.
 fn sources(places: &[&str]) -> Vec<(String, String)> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
     let mut files = Vec::new();
     for place in places {
         collect(&root.join(place), &mut files);

@@ -1,13 +1,19 @@
-//! Which cases random tests try: few and always the same, or `LEADSCREW_CASES` times as many, and others with
-//! another `LEADSCREW_SEED`.
+//! Which cases tests try that have many: some of them and always the same, unless `LEADSCREW_CASES` is set. With 1,
+//! all that a test names; with more, that many times as many random ones, and others with another `LEADSCREW_SEED`.
 
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 use proptest::{prelude::ProptestConfig, test_runner::RngSeed};
 
-/// How many times as many cases are tried as when it must be quick.
-pub(crate) fn factor() -> u32 {
-    std::env::var("LEADSCREW_CASES").map_or(1, |text| text.parse().unwrap())
+/// What part of many cases is tried when it must be quick.
+const PART: u32 = 8;
+/// As many random cases are tried even then.
+const LEAST: u32 = 4;
+
+/// How many times as many cases are tried as are named; `None` if it must be quick.
+fn factor() -> Option<u32> {
+    let text = std::env::var("LEADSCREW_CASES").ok()?;
+    Some(text.parse().unwrap())
 }
 
 /// What the cases are drawn with: a test that fails fails again, and one that passes for somebody passes for all.
@@ -15,15 +21,25 @@ fn seed() -> u64 {
     std::env::var("LEADSCREW_SEED").map_or(1, |text| text.parse().unwrap())
 }
 
-/// The configuration of a test that tries `cases` cases when it must be quick.
+/// The configuration of a test that tries `cases` random cases.
 pub(crate) fn cases(cases: u32) -> ProptestConfig {
-    let factor = factor();
     let config = ProptestConfig::default();
+    let times = factor().unwrap_or(1);
     ProptestConfig {
-        cases: cases * factor,
-        max_local_rejects: config.max_local_rejects.saturating_mul(factor),
-        max_global_rejects: config.max_global_rejects.saturating_mul(factor),
+        cases: factor().map_or_else(|| cases.min(LEAST.max(cases / PART)), |times| cases * times),
+        max_local_rejects: config.max_local_rejects.saturating_mul(times),
+        max_global_rejects: config.max_global_rejects.saturating_mul(times),
         rng_seed: RngSeed::Fixed(seed()),
         ..config
     }
+}
+
+/// The rounds of a random history that has `rounds` of them.
+pub(crate) fn rounds(rounds: u32) -> u64 {
+    u64::from(factor().map_or_else(|| rounds.div_ceil(PART), |times| rounds * times))
+}
+
+/// Of all cases that there are, each `nth` when it must be quick, for `step_by`.
+pub(crate) fn each(nth: usize) -> usize {
+    if factor().is_some() { 1 } else { nth }
 }

@@ -89,7 +89,7 @@ impl Cell {
 
     pub(crate) fn go(&mut self, mm: &[f64], mm_min: f32) {
         let work = self.router.route(&line(mm, mm_min));
-        self.send(work.expect("a way"));
+        self.send(work.expect("a path"));
     }
 
     pub(crate) fn probe(&mut self, mm: &[f64], mm_min: f32, probing: Probing) {
@@ -100,13 +100,14 @@ impl Cell {
             line: 0,
         };
         let work = self.router.route(&command);
-        self.send(work.expect("a way"));
+        self.send(work.expect("a path"));
     }
 
     /// The alarms told since this was asked last.
     pub(crate) fn alarms(&mut self) -> Vec<Alarm> {
-        let told = self.notices();
-        told.into_iter()
+        let notices = self.notices();
+        notices
+            .into_iter()
             .filter_map(|notice| match notice {
                 Notice::Alarm(alarm) => Some(alarm),
                 _ => None,

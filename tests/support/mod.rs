@@ -1,29 +1,24 @@
-//! Shared by the motion tests: a rig that plays commands, and rules that its trace must keep.
+//! Shared by the tests: the machine behind its serial line, a rig that plays commands without a session, and rules
+//! that a trace must keep.
 #![allow(dead_code, unused_imports, reason = "each test uses a part of it")]
 
-#[cfg(not(target_os = "none"))]
 mod cases;
-#[cfg(not(target_os = "none"))]
 mod cell;
-#[cfg(not(target_os = "none"))]
 mod limits;
-#[cfg(not(target_os = "none"))]
+mod machine;
 mod path;
-#[cfg(not(target_os = "none"))]
 mod profile;
-#[cfg(not(target_os = "none"))]
 mod pulses;
-#[cfg(not(target_os = "none"))]
+mod recording;
+mod report;
 mod rig;
-#[cfg(not(target_os = "none"))]
 mod trace;
 
-#[cfg(not(target_os = "none"))]
 pub(crate) use {
-    cases::*, cell::*, host::*, limits::*, path::*, profile::*, pulses::*, rig::*, trace::*,
+    cases::*, cell::*, host::*, limits::*, machine::*, path::*, profile::*, pulses::*,
+    recording::*, report::*, rig::*, trace::*,
 };
 
-#[cfg(not(target_os = "none"))]
 mod host {
     use leadscrew::{
         axis::Axes,

@@ -11,7 +11,7 @@ use leadscrew::{
     units::Nm,
 };
 
-use super::{TICKS_PER_S, Trace, target, target_steps};
+use super::{TICKS_PER_S, Trace, add_steps, target, target_steps};
 
 /// Grain of the search along the path, steps.
 const GRAIN: f64 = 0.05;
@@ -115,8 +115,10 @@ impl Piece {
 
     /// Position after a share of the distance, steps.
     pub(crate) fn at(&self, share: f64) -> Point {
-        let mut point: Point =
-            std::array::from_fn(|n| self.begin[n] + (self.end[n] - self.begin[n]) * share);
+        let mut point = self.begin;
+        for (point, end) in point.iter_mut().zip(&self.end) {
+            *point += (end - *point) * share;
+        }
         if let Some(turn) = &self.curve {
             let radius = turn.radius[0] + (turn.radius[1] - turn.radius[0]) * share;
             let (sine, cosine) = (turn.angle + turn.sweep * share).sin_cos();
@@ -195,11 +197,11 @@ pub(crate) fn pieces(settings: &Settings, commands: &[Command]) -> Vec<Piece> {
 }
 
 /// The path that the router is given, from the origin.
-pub(crate) fn pieces_of_ways(settings: &Settings, ways: &[BlendOutput]) -> Vec<Piece> {
+pub(crate) fn pieces_of_blended(settings: &Settings, outputs: &[BlendOutput]) -> Vec<Piece> {
     let mut from = Axes::all(Nm(0));
     let mut pieces = Vec::new();
-    for way in ways {
-        match way {
+    for output in outputs {
+        match output {
             BlendOutput::Command(command) => {
                 pieces.extend(Piece::new(settings, &from, command));
                 from = target(command).unwrap_or(from);
@@ -260,12 +262,7 @@ pub(crate) fn follow(
     let (mut piece, mut share) = (0, 0.0);
     let mut worst = 0.0_f64;
     for edge in trace.edges.iter().filter(|edge| edge.raise != 0) {
-        for axis in 0..AXES {
-            if edge.raise & 1 << axis != 0 {
-                let is_negative = edge.directions & 1 << axis != 0;
-                position[axis] += if is_negative { -1 } else { 1 };
-            }
-        }
+        add_steps(&mut position, edge);
         let limit: Point = std::array::from_fn(|n| {
             let next = waits[n].partition_point(|wait| wait.end <= edge.ticks);
             let is_waiting = waits[n]
@@ -277,15 +274,15 @@ pub(crate) fn follow(
         let mut tries = 0.0;
         loop {
             let here = pieces[piece].at(share);
-            let off: Point = std::array::from_fn(|n| (here[n] - f64::from(position[n])).abs());
-            if (0..AXES).all(|n| off[n] <= limit[n]) {
-                worst = off.into_iter().fold(worst, f64::max);
+            let off = |n: usize| (here[n] - f64::from(position[n])).abs();
+            if (0..AXES).all(|n| off(n) <= limit[n]) {
+                worst = (0..AXES).map(off).fold(worst, f64::max);
                 break;
             }
             tries += GRAIN;
             assert!(
                 tries < 60.0 + 4.0 * pieces[piece].length.sqrt(),
-                "{position:?} is {off:?} off the path, at {share} of move {piece}, {edge:?}"
+                "{position:?} is off the path, {here:?} at {share} of move {piece}, {edge:?}"
             );
             let next = GRAIN / pieces[piece].length.max(GRAIN);
             if share >= 1.0 && piece + 1 < pieces.len() {

@@ -13,7 +13,7 @@ impl Trapezoid {
     }
 
     /// Way after a time.
-    pub(crate) fn way(&self, seconds: f64) -> f64 {
+    pub(crate) fn distance(&self, seconds: f64) -> f64 {
         let (end, ramp) = (self.seconds(), self.speed / self.acceleration);
         let ramped = |t: f64| 0.5 * self.acceleration * t.clamp(0.0, ramp).powi(2);
         let cruised = self.speed * (seconds - ramp).clamp(0.0, end - 2.0 * ramp);
@@ -21,14 +21,14 @@ impl Trapezoid {
     }
 
     /// Time at which a distance is reached, s.
-    pub(crate) fn when(&self, way: f64) -> f64 {
+    pub(crate) fn when(&self, distance: f64) -> f64 {
         let ramp = self.speed * self.speed / (2.0 * self.acceleration);
-        if way <= ramp {
-            (2.0 * way / self.acceleration).sqrt()
-        } else if way <= self.length - ramp {
-            self.speed / self.acceleration + (way - ramp) / self.speed
+        if distance <= ramp {
+            (2.0 * distance / self.acceleration).sqrt()
+        } else if distance <= self.length - ramp {
+            self.speed / self.acceleration + (distance - ramp) / self.speed
         } else {
-            self.seconds() - (2.0 * (self.length - way).max(0.0) / self.acceleration).sqrt()
+            self.seconds() - (2.0 * (self.length - distance).max(0.0) / self.acceleration).sqrt()
         }
     }
 }

@@ -40,7 +40,7 @@ pub(crate) struct Rig {
     /// How moves follow each other, what has become of them, and the work that it makes, each block
     /// with a line number of its own.
     pub(crate) control: PathControl,
-    pub(crate) ways: Vec<BlendOutput>,
+    pub(crate) blended: Vec<BlendOutput>,
     path: Blender,
     works: VecDeque<Work>,
     blocks: u32,
@@ -72,7 +72,7 @@ impl Rig {
             is_recovering: settings.homing,
             feed_ticks: 0,
             control: PathControl::ExactPath,
-            ways: Vec::new(),
+            blended: Vec::new(),
             path: Blender::new(),
             works: VecDeque::new(),
             blocks: 0,
@@ -96,9 +96,9 @@ impl Rig {
     }
 
     fn drain(&mut self) {
-        while let Some(way) = self.path.front().copied() {
-            self.ways.push(way);
-            if let Some(mut work) = self.router.route_blended(&way) {
+        while let Some(output) = self.path.front().copied() {
+            self.blended.push(output);
+            if let Some(mut work) = self.router.route_blended(&output) {
                 self.blocks += 1;
                 if let Work::Move(block) = &mut work {
                     block.line = self.blocks;
@@ -270,9 +270,10 @@ impl Rig {
         if was_stopped && self.drive.due().is_some() {
             self.trace.starts.push(self.now);
         }
-        self.is_recovering |= self.snapshot().cancelled_motions != self.cuts;
+        let snapshot = self.snapshot();
+        self.is_recovering |= snapshot.cancelled_motions != self.cuts;
         if !self.is_recovering {
-            assert_ne!(self.snapshot().state, State::Alarm, "starved");
+            assert_ne!(snapshot.state, State::Alarm, "starved");
         }
         assert_eq!(self.drive.late(), 0, "late");
     }
@@ -285,13 +286,11 @@ impl Rig {
             self.trace.push(edge, line);
             // Motors driven by phases would stand where the steps are, whatever has stopped them before: four
             // full steps are a turn of the field.
-            let net = self.trace.net_steps();
-            let phases = net.map(|steps| coils(2 * steps.rem_euclid(4) as usize));
-            let is_step = edge.raise != 0;
-            assert!(
-                !is_step || self.drive.coils() == phases,
-                "phases of {net:?} steps"
-            );
+            if edge.raise != 0 {
+                let net = self.trace.net_steps();
+                let phases = net.map(|steps| coils(2 * steps.rem_euclid(4) as usize));
+                assert!(self.drive.coils() == phases, "phases of {net:?} steps");
+            }
         }
         // The first event of a segment begins it.
         let ticks = self.drive.segments.played_start_ticks();

@@ -61,12 +61,17 @@ impl Trace {
         }
     }
 
-    pub(crate) fn push(&mut self, edge: Edge, line: u32) {
-        for axis in 0..AXES {
-            if edge.raise & 1 << axis != 0 {
-                self.net[axis] += sign(&edge, axis);
-            }
+    /// The edges of a machine that does not tell their blocks.
+    pub(crate) fn of(settings: &Settings, edges: &[Edge]) -> Self {
+        let mut trace = Self::new(settings);
+        for edge in edges {
+            trace.push(*edge, 0);
         }
+        trace
+    }
+
+    pub(crate) fn push(&mut self, edge: Edge, line: u32) {
+        add_steps(&mut self.net, &edge);
         self.edges.push(edge);
         self.lines.push(line);
     }
@@ -167,6 +172,13 @@ impl Trace {
             pulses.check(edge);
         }
         pulses.check_end();
+    }
+}
+
+/// Adds the steps that begin with an edge.
+pub(crate) fn add_steps(steps: &mut Axes<i32>, edge: &Edge) {
+    for axis in (0..AXES).filter(|axis| edge.raise & 1 << axis != 0) {
+        steps[axis] += sign(edge, axis);
     }
 }
 

@@ -122,7 +122,7 @@ pub fn compile_for(command: &mut Command, board: &str, features: &str, target_di
         features = format!("{features},{more}");
     }
     command
-        .args(["--target", TARGET, "--target-dir"])
+        .args(["--package", "leadscrew", "--target", TARGET, "--target-dir"])
         .arg(target_dir)
         .args(["--no-default-features", "--features", &features])
         .env(BOARD, board);

@@ -14,6 +14,8 @@ pub mod check;
 #[cfg(feature = "terminal")]
 pub mod install;
 #[cfg(feature = "terminal")]
+pub mod options;
+#[cfg(feature = "terminal")]
 pub mod probe;
 pub mod text;
 #[cfg(feature = "terminal")]

@@ -1,75 +1,68 @@
-//! `cargo xtask test`: everything that can be tested without hardware.
+//! `cargo xtask test`: what can be tested without hardware, in two parts.
+//!
+//! What is quick finds most of what a change breaks; the rest takes long, or finds what is seldom broken.
 
 use std::{
-    ffi::OsString,
-    fs, iter,
     process::{self, ExitCode},
+    time::Instant,
 };
 
-use anyhow::{Context, Result, bail};
-use clap::{Arg, ArgAction, Command};
+use anyhow::{Context, Result};
 use common::{
     cargo::{self, cargo, wait},
     check::{self, Check, Verdict},
+    options::Test,
     tools::{self, Tool},
     ui,
 };
 
-/// Test everything that needs no hardware
-///
-/// And what else its help says.
-fn command() -> Command {
-    let only = Arg::new("only")
-        .value_name("NAME")
-        .help("Only the checks whose name contains this");
-    let list = Arg::new("list")
-        .long("list")
-        .action(ArgAction::SetTrue)
-        .help("List the checks and do nothing");
-    let clients = Arg::new("clients").long("clients").action(ArgAction::SetTrue).help(
-        "Instead, drive sender programs at the simulator and at the firmware: gets them with pip \
-         and npm, and skips what cannot be had",
-    );
-    Command::new("test")
-        .bin_name("cargo xtask test")
-        .about("Test everything that needs no hardware")
-        .long_about(
-            "Test everything that needs no hardware\n\n\
-             Formatting, lints, host tests with three, four and six axes, the firmware of every board \
-             and the proof of its timing, tests on the emulated processor, and the firmware over its \
-             serial line. Goes on after a failure and lists what failed. Asks rustup for what rustup \
-             can give.",
-        )
-        .after_help(ui::AXES)
-        .styles(ui::STYLES)
-        .max_term_width(100)
-        .version(env!("CARGO_PKG_VERSION"))
-        .no_binary_name(true)
-        .args([only, list, clients])
+/// Tests what is asked for.
+pub(crate) fn start(options: &Test) -> Result<ExitCode> {
+    if !options.list
+        && let Ok(version) = cargo::need_qemu()
+    {
+        ui::status("Emulator", &format!("QEMU {version}"));
+    }
+    let checks = match options {
+        Test { all: true, .. } => [quick(), rest()?].into_iter().flatten().collect(),
+        Test { rest: true, .. } => rest()?,
+        // A check that is named is one of all.
+        Test { only: Some(_), .. } => [quick(), rest()?].into_iter().flatten().collect(),
+        _ => quick(),
+    };
+    let start = Instant::now();
+    let only = options.only.as_deref();
+    let code = check::run(
+        checks,
+        only,
+        options.list,
+        if options.rest { AT_ONCE } else { 1 },
+    )?;
+    if !options.list && !options.all && !options.rest && only.is_none() {
+        let minutes = start.elapsed().as_secs_f32() / 60.0;
+        ui::status(
+            "Tested",
+            &format!("what is quick, in {minutes:.1} minutes; left out: {LEFT_OUT}"),
+        );
+    }
+    Ok(code)
 }
 
-/// Tests what is asked for.
-pub(crate) fn start(arguments: Vec<OsString>) -> Result<ExitCode> {
-    if arguments.iter().any(|argument| argument == "--clients") {
-        // What else is asked for is its matter.
-        return tools::become_tool(tools::CLIENTS, arguments);
-    }
-    let matches = command().get_matches_from(arguments);
-    let only = matches.get_one::<String>("only");
-    let is_list = matches.get_flag("list");
-    if !is_list {
-        // Checks without it go on, and those that need it say the same.
-        match cargo::need_qemu() {
-            Ok(version) => ui::status("Emulator", &format!("QEMU {version}")),
-            Err(error) => ui::warning(&error.to_string()),
-        }
-    }
-    check::run(checks()?, only.map(String::as_str), is_list, 1)
-}
+/// How many checks of the rest are made at the same time.
+const AT_ONCE: usize = 2;
+/// What is not quick, and how to test it.
+const LEFT_OUT: &str = "lints, every case of the random tests, the tools, other numbers of axes, the other boards and \
+    their proofs, tests on the emulated processor (`cargo xtask test --all`); real senders (`--clients`); random \
+    histories (`cargo xtask soak`)";
 
 /// A check that needs no words when it passes.
 fn plain(name: impl Into<String>, run: impl Fn() -> Result<()> + Send + 'static) -> Check {
     Check::new(name, move || run().map(|()| Verdict::Passed))
+}
+
+/// A check that runs a command to its end.
+fn runs<const N: usize>(name: impl Into<String>, arguments: [&'static str; N]) -> Check {
+    plain(name, move || wait(&mut cargo(&arguments)))
 }
 
 /// A check that a tool makes.
@@ -77,49 +70,53 @@ fn by(tool: Tool, name: impl Into<String>, arguments: &'static [&'static str]) -
     Check::new(name, move || check::by(tool, arguments, cargo::axes()))
 }
 
-/// A board.
-#[derive(Clone)]
-struct Board {
-    name: String,
-    /// The feature of its chip.
-    chip: String,
-    is_emulated: bool,
+/// The same in QEMU, without which it is skipped.
+fn emulated(tool: Tool, name: impl Into<String>, arguments: &'static [&'static str]) -> Check {
+    Check::new(name, move || match cargo::need_qemu() {
+        Ok(_) => check::by(tool, arguments, cargo::axes()),
+        Err(error) => Ok(Verdict::Skipped(error.to_string())),
+    })
 }
 
-impl Board {
-    /// Makes a Cargo command compile for the board.
-    fn compile<'a>(&self, command: &'a mut process::Command) -> &'a mut process::Command {
-        let features = if self.is_emulated {
-            format!("{},emulated", self.chip)
-        } else {
-            self.chip.clone()
-        };
-        cargo::compile_for(command, &self.name, &features, &cargo::target_dir());
-        command
-    }
-}
+/// Of the unit tests of the library, which are as quick without optimisation.
+const UNIT_TESTS: [&str; 7] = [
+    "test",
+    "--no-fail-fast",
+    "--package=leadscrew",
+    "--lib",
+    "--no-default-features",
+    "--config",
+    "profile.dev.package.leadscrew.opt-level=0",
+];
 
-/// The boards whose images are all built.
-fn boards() -> Result<Vec<Board>> {
-    let text = tools::output(tools::FIRMWARE, ["boards"])?;
-    let boards = text.lines().map(|line| Board {
-        name: line.split(' ').next().unwrap_or_default().into(),
-        chip: line.split(' ').nth(1).unwrap_or_default().into(),
-        is_emulated: line.ends_with(" emulated"),
-    });
-    let boards = boards.filter(|board| WHOLE.contains(&board.name.as_str()));
-    Ok(boards.collect())
-}
-
-/// Every check, the quick ones first.
-fn checks() -> Result<Vec<Check>> {
-    let boards = boards()?;
-    let mut checks = vec![
+/// What is quick.
+fn quick() -> Vec<Check> {
+    vec![
         plain("formatting", || {
             cargo::need_component("fmt", "rustfmt")?;
             wait(&mut cargo(&["fmt", "--all", "--check"]))
         }),
+        runs("unit tests", UNIT_TESTS),
+        runs("host tests", ["test", "--no-fail-fast", "--package=tests"]),
         by(tools::DOCS, "documents", &["--check"]),
+        // As many axes as their reports show.
+        Check::new("answers of Grbl", || {
+            check::by(tools::CONFORMANCE, [""; 0], 3)
+        }),
+        Check::new("the proof that the documents show", || {
+            check::by(tools::SCHEDULE, ["--check"], 3)
+        }),
+        emulated(
+            tools::FIRMWARE,
+            "firmware over its serial line",
+            &["serial"],
+        ),
+    ]
+}
+
+/// What takes long.
+fn rest() -> Result<Vec<Check>> {
+    let mut checks = vec![
         plain("lints, host", || {
             cargo::need_component("clippy", "clippy")?;
             wait(cargo(&["clippy", "--workspace", "--all-targets"]).args(["--", "-Dwarnings"]))
@@ -127,31 +124,32 @@ fn checks() -> Result<Vec<Check>> {
         plain("documentation of the library", || {
             wait(&mut rustdoc("--lib"))
         }),
-        plain("host tests", || {
-            wait(&mut cargo(&["test", "--workspace", "--no-fail-fast"]))
+        plain("host tests, every case", || {
+            let mut command = cargo(&["test", "--no-fail-fast", "--package=tests"]);
+            // Most of their time is their own.
+            command.args(["--config", "profile.dev.package.tests.opt-level=1"]);
+            wait(with_all_cases(&mut command))
+        }),
+        plain("tests of the tools", || {
+            let mut command = cargo(&["test", "--workspace", "--no-fail-fast"]);
+            wait(command.args(["--exclude=leadscrew", "--exclude=tests"]))
         }),
     ];
-    checks.push(plain("a day in virtual time", || {
-        wait(&mut cargo(&[
-            "test",
-            "--profile",
-            "tools",
-            "--test",
-            "endurance",
-        ]))
-    }));
     checks.extend(with_features());
-    checks.extend(boards.iter().cloned().map(|board| {
-        let name = format!("lints, {}", board.name);
-        plain(name, move || lint(&board))
-    }));
-    for board in boards {
-        checks.push(Check::new(format!("firmware, {}", board.name), move || {
-            check::by(tools::FIRMWARE, ["all", &board.name], cargo::axes())
+    for board in WHOLE {
+        checks.push(plain(format!("lints, {board}"), move || lint(board)));
+        checks.push(Check::new(format!("firmware, {board}"), move || {
+            check::by(tools::FIRMWARE, ["all", board], cargo::axes())
         }));
     }
     checks.extend(proofs());
-    checks.push(plain("tests on the target", on_target));
+    checks.push(Check::new(
+        "tests on the target",
+        || match cargo::need_qemu() {
+            Ok(_) => on_target().map(|()| Verdict::Passed),
+            Err(error) => Ok(Verdict::Skipped(error.to_string())),
+        },
+    ));
     let by_target = [
         ("calibration without a counter", &["check", "calibration"]),
         ("bring-up as far as QEMU goes", &["check", "bring-up"]),
@@ -159,37 +157,91 @@ fn checks() -> Result<Vec<Check>> {
         ("the same on the chip", &["check", "chip"]),
         ("the same in the firmware", &["check", "firmware"]),
     ];
-    checks.extend(by_target.map(|(name, arguments)| by(tools::TARGET, name, arguments)));
-    checks.push(by(
-        tools::FIRMWARE,
-        "firmware over its serial line",
-        &["serial"],
-    ));
+    checks.extend(by_target.map(|(name, arguments)| emulated(tools::TARGET, name, arguments)));
     Ok(checks)
 }
 
-/// The host tests with features. Random tests try as few cases as when it must be quick: more of them find what
-/// the machine with three axes does wrong, too.
+/// Random tests try all that they name, or as many times that as are asked for.
+fn with_all_cases(command: &mut process::Command) -> &mut process::Command {
+    if std::env::var_os("LEADSCREW_CASES").is_none() {
+        command.env("LEADSCREW_CASES", "1");
+    }
+    command
+}
+
+/// The programs of host tests in which something has as many parts as there are axes, and their modules in which nothing
+/// has.
+const OF_AXES: [&str; 7] = [
+    "interpreter",
+    "journal",
+    "machine",
+    "motion",
+    "protocol",
+    "realtime",
+    "reprap",
+];
+const OF_NO_AXES: [&str; 6] = [
+    "arithmetic::",
+    "contours::",
+    "experiment_arcs::",
+    "integer_arcs::",
+    "step_arcs::",
+    "rounding::",
+];
+
+/// The host tests with features, as quick as without.
 fn with_features() -> impl Iterator<Item = Check> {
-    let tests: [(&str, &[&str]); 4] = [
-        ("axes-4", &["--lib", "--tests"]),
-        ("axes-6", &["--lib", "--tests"]),
+    let axes = ["axes-4", "axes-6"].map(|feature| {
+        let programs = OF_AXES.map(|name| format!("--test={name}"));
+        let skipped = OF_NO_AXES.map(|name| format!("--skip={name}"));
+        let separator = ["--".to_owned()].into_iter();
+        (
+            feature,
+            programs
+                .into_iter()
+                .chain(separator)
+                .chain(skipped)
+                .collect::<Vec<_>>(),
+        )
+    });
+    let of_boards = [
         (
             "phases",
-            &["--test", "machine", "--", "phases", "stored_program"],
+            vec!["--test=machine", "--", "phases", "stored_program"],
         ),
-        ("clock-96", &["--test", "motion", "segments"]),
+        ("clock-96", vec!["--test=motion", "segments"]),
     ];
-    tests.into_iter().map(|(feature, tests)| {
+    let of_boards = of_boards.map(|(feature, tests)| {
+        (
+            feature,
+            tests.into_iter().map(String::from).collect::<Vec<_>>(),
+        )
+    });
+    axes.into_iter().chain(of_boards).map(|(feature, tests)| {
         plain(format!("host tests, {feature}"), move || {
-            let mut command = cargo(&["test", "--no-fail-fast", "--features", feature]);
-            wait(command.args(tests).env_remove("LEADSCREW_CASES"))
+            let mut command = cargo(&[
+                "test",
+                "--no-fail-fast",
+                "--package=tests",
+                "--features",
+                feature,
+            ]);
+            wait(command.args(&tests).env_remove("LEADSCREW_CASES"))?;
+            if !feature.starts_with("axes") {
+                return Ok(());
+            }
+            wait(
+                cargo(&UNIT_TESTS)
+                    .args(["--features", feature])
+                    .env_remove("LEADSCREW_CASES"),
+            )
         })
     })
 }
 
 /// The boards whose images are all built, with every lint, and those whose firmware is proven: of four chips,
-/// one with a bootloader, one with a large and one with a small EEPROM, one whose motors are driven by phases, one at 96 MHz. `cargo xtask board check --all --prove` looks at all boards.
+/// one with a bootloader, one with a large and one with a small EEPROM, one whose motors are driven by phases, one at
+/// 96 MHz. `cargo xtask board check --all --prove` looks at all boards.
 const WHOLE: [&str; 3] = [SHOWN, "nucleo-f446re", PHASES];
 const PROVEN: [&str; 7] = [
     SHOWN,
@@ -207,10 +259,7 @@ const SHOWN: &str = "netduino-plus-2";
 
 /// The proofs that every deadline is met, and the starts of what they are about.
 fn proofs() -> Vec<Check> {
-    let shown = Check::new("the proof that the documents show", || {
-        check::by(tools::SCHEDULE, ["--check"], 3)
-    });
-    let others = PROVEN.into_iter().flat_map(|board| {
+    let all = PROVEN.into_iter().flat_map(|board| {
         let axes = if board == SHOWN { 4 } else { 3 };
         let proof = Check::new(format!("the proof, {board}, {axes} axes"), move || {
             check::by(tools::SCHEDULE, ["--board", board, "--verdict"], axes)
@@ -225,33 +274,64 @@ fn proofs() -> Vec<Check> {
         let arguments = ["--board", SHOWN, "--verdict"];
         check::with_features(tools::SCHEDULE, arguments, "reprap")
     });
-    iter::once(shown).chain(others).chain([for_hosts]).collect()
+    all.chain([for_hosts]).collect()
 }
 
-/// Whether the project has tests whose file name starts so.
-fn has_tests(prefix: &str) -> bool {
-    let files = fs::read_dir(cargo::root().join("tests"));
-    files.into_iter().flatten().flatten().any(|file| {
-        let name = file.file_name();
-        name.to_string_lossy().starts_with(prefix)
-    })
+/// A board.
+struct Board {
+    name: String,
+    /// The features of its chip.
+    features: String,
+    is_emulated: bool,
+}
+
+impl Board {
+    /// The board of a name.
+    fn named(name: &str) -> Result<Self> {
+        let text = tools::output(tools::FIRMWARE, ["boards"])?;
+        let mut boards = text.lines().map(|line| line.split(' '));
+        let mut words = boards
+            .find(|words| words.clone().next() == Some(name))
+            .with_context(|| format!("there is no board {name}"))?
+            .skip(1);
+        Ok(Self {
+            name: name.into(),
+            features: words.next().unwrap_or_default().into(),
+            is_emulated: words.next().is_some(),
+        })
+    }
+
+    /// Makes a Cargo command compile for the board.
+    fn compile<'a>(&self, command: &'a mut process::Command) -> &'a mut process::Command {
+        let features = if self.is_emulated {
+            format!("{},emulated", self.features)
+        } else {
+            self.features.clone()
+        };
+        cargo::compile_for(command, &self.name, &features, &cargo::target_dir());
+        command
+    }
 }
 
 /// Returns the command that documents a library or a program, in which every link must lead somewhere.
 fn rustdoc(of: &str) -> process::Command {
-    let mut command = cargo(&["doc", of, "--no-deps", "--document-private-items"]);
+    let mut command = cargo(&[
+        "doc",
+        "--package=leadscrew",
+        of,
+        "--no-deps",
+        "--document-private-items",
+    ]);
     command.env("RUSTDOCFLAGS", "-Dwarnings");
     command
 }
 
 /// Clippy over what is compiled for a board, and its documentation.
-fn lint(board: &Board) -> Result<()> {
+fn lint(board: &str) -> Result<()> {
     cargo::need_component("clippy", "clippy")?;
     cargo::need_target()?;
-    let mut command = cargo(&["clippy", "--lib", "--bins"]);
-    if has_tests("target_") {
-        command.args(["--test", "target_*"]);
-    }
+    let board = Board::named(board)?;
+    let mut command = cargo(&["clippy", "--lib", "--bins", "--test", "target_*"]);
     wait(board.compile(&mut command).args(["--", "-Dwarnings"]))?;
     let feature = if board.is_emulated {
         "trace-emulated"
@@ -265,14 +345,8 @@ fn lint(board: &Board) -> Result<()> {
 
 /// The tests that run on the emulated processor.
 fn on_target() -> Result<()> {
-    if !has_tests("target_") {
-        bail!("there are no tests/target_*.rs");
-    }
-    cargo::need_qemu()?;
     cargo::need_target()?;
-    let boards = boards()?;
-    let board = boards.iter().find(|board| board.is_emulated);
-    let board = board.context("no board names a QEMU machine")?;
+    let board = Board::named(SHOWN)?;
     // Other tests are the host's, and do not compile for the target.
     let mut command = cargo(&["test", "--release", "--no-fail-fast", "--test", "target_*"]);
     wait(board.compile(&mut command))

@@ -42,6 +42,8 @@ pub struct Tool {
     target: Option<&'static str>,
     /// It is a library that another program loads.
     is_library: bool,
+    /// It does several commands: those who start it name one.
+    has_commands: bool,
 }
 
 impl Tool {
@@ -57,6 +59,7 @@ impl Tool {
             profile: PROFILE,
             target: None,
             is_library: false,
+            has_commands: false,
         }
     }
 
@@ -69,6 +72,13 @@ impl Tool {
         Self {
             has_axes: false,
             has_clock: false,
+            ..self
+        }
+    }
+
+    const fn of_several_commands(self) -> Self {
+        Self {
+            has_commands: true,
             ..self
         }
     }
@@ -109,8 +119,9 @@ impl Tool {
 /// `cargo xtask sim`.
 pub const SIM: Tool = Tool::new("sim", "the simulator", "about a minute");
 /// Everything that has to do with a board, emulated or not.
-pub const TARGET: Tool =
-    Tool::new("target", "the tools for boards", "about two minutes").for_any_clock();
+pub const TARGET: Tool = Tool::new("target", "the tools for boards", "about two minutes")
+    .for_any_clock()
+    .of_several_commands();
 /// The same with probe-rs.
 pub const PROBE: Tool = Tool {
     name: "the tools for boards, with probe-rs",
@@ -130,8 +141,9 @@ pub const DOCS: Tool = Tool {
 pub const SCHEDULE: Tool =
     Tool::new("schedule", "the timing analysis", "about two minutes").for_any_axes();
 /// `cargo xtask build` and `size`.
-pub const FIRMWARE: Tool =
-    Tool::new("firmware", "the builder of firmware", "half a minute").for_any_axes();
+pub const FIRMWARE: Tool = Tool::new("firmware", "the builder of firmware", "half a minute")
+    .for_any_axes()
+    .of_several_commands();
 /// `cargo xtask send`.
 pub const SEND: Tool = Tool::new("send", "the sender", "about a minute");
 /// `cargo xtask settings`.
@@ -151,6 +163,7 @@ pub const WEB: Tool = Tool::new(
 /// `cargo xtask soak` and `fuzz`: an overflow ends them.
 pub const SOAK: Tool = Tool {
     profile: "checked",
+    has_commands: true,
     ..Tool::new(
         "soak",
         "the makers of random histories and inputs",
@@ -160,13 +173,23 @@ pub const SOAK: Tool = Tool {
 /// The senders of `cargo xtask test --clients`.
 pub const CLIENTS: Tool = Tool::new("clients", "the test of senders", "about a minute");
 
-/// A command that starts a tool, which is compiled before where that is necessary.
+/// A command that starts a tool, which is compiled before where that is necessary. Arguments follow; the first one is
+/// a command where the tool has several.
 pub fn command(tool: Tool) -> Result<Command> {
     command_for(tool, cargo::axes())
 }
 
 /// The same for a number of axes.
 pub fn command_for(tool: Tool, axes: u8) -> Result<Command> {
+    let mut command = program(tool, axes)?;
+    if !tool.has_commands {
+        command.arg(tool.program);
+    }
+    Ok(command)
+}
+
+/// The program of a tool.
+fn program(tool: Tool, axes: u8) -> Result<Command> {
     let path = match env::var_os("CARGO") {
         Some(_) => build(tool, axes)?,
         None => built(tool, axes)?,
@@ -178,12 +201,12 @@ pub fn command_for(tool: Tool, axes: u8) -> Result<Command> {
     Ok(command)
 }
 
-/// Hands on to a tool: on success this program is that one now.
+/// Hands on to a tool with all arguments, of which the first is the command: on success this program is that one now.
 pub fn become_tool<A: AsRef<OsStr>>(
     tool: Tool,
     arguments: impl IntoIterator<Item = A>,
 ) -> Result<ExitCode> {
-    let mut command = command(tool)?;
+    let mut command = program(tool, cargo::axes())?;
     command.args(arguments);
     #[cfg(unix)]
     {

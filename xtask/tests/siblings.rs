@@ -30,12 +30,19 @@ fn a_dispatcher_that_has_been_built_starts_built_siblings_without_cargo() {
         command.args(arguments).env_clear().env("PATH", "/nowhere");
         command.output().unwrap()
     };
+    // Help needs no tool at all.
+    let help = run(&["settings", "--help"]);
+    let help = String::from_utf8_lossy(&help.stdout).into_owned();
+    assert!(help.contains("Usage: cargo xtask settings"), "{help}");
     for (arguments, expected) in [
         (
             &["sim", "-", "--quality"][..],
-            "sim for 3 axes: - --quality\n",
+            "sim for 3 axes: sim - --quality\n",
         ),
-        (&["sim", "--axes", "4", "-"], "sim for 4 axes: -\n"),
+        (
+            &["sim", "--axes", "4", "-"],
+            "sim for 4 axes: sim --axes 4 -\n",
+        ),
     ] {
         let output = run(arguments);
         assert_eq!(

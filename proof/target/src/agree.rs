@@ -7,29 +7,14 @@ use std::{
 };
 
 use anyhow::{Context, Result, ensure};
+use common::options::Check as Options;
+use common::options::Subject as What;
 use common::{cargo, check::Verdict};
 use indicatif::ProgressBar;
 use leadscrew::settings::StepRate;
 use simulation::{figures::Figures, job_times::JobTimes, play, proven, settings::Loaded};
 
 use crate::{bring_up, calibrate, latency, on_target, qemu};
-
-/// Check something for `cargo xtask test`
-#[derive(clap::Args)]
-pub(crate) struct Options {
-    /// What is checked
-    what: What,
-}
-
-/// What can be checked.
-#[derive(Clone, Copy, clap::ValueEnum)]
-enum What {
-    Calibration,
-    BringUp,
-    Records,
-    Chip,
-    Firmware,
-}
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let verdict = match options.what {

@@ -15,14 +15,11 @@ mod sender;
 mod tasks;
 mod workload;
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::ExitCode,
-};
+use std::{fs, path::Path, process::ExitCode};
 
 use anstream::println;
 use anyhow::{Context, Result, ensure};
+use common::options::Bench as Options;
 use common::{cargo, ui};
 use firmware::boards::compile;
 use owo_colors::OwoColorize;
@@ -33,27 +30,6 @@ use figures::{Parts, Run};
 pub(crate) use sender::Sender;
 use tasks::Names;
 use workload::{Part, Workload};
-
-/// Count what the firmware costs on the emulated chip, in instructions and modelled cycles
-///
-/// Streams five workloads to the firmware under QEMU: one axis at 100 kHz, three axes at 100, 73
-/// and 51 kHz, short G1 lines, lines of 10 steps as in a raster, and lines that re-plan 100 blocks each.
-/// `docs/benchmarks.md` says what is counted, and how far to trust it.
-#[derive(clap::Args)]
-pub(crate) struct Options {
-    /// Write the figures to a file
-    #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
-    /// Show where the cycles go: by task, function and source line
-    #[arg(long)]
-    profile: bool,
-    /// Count another program instead: one that ends by semihosting
-    #[arg(long, value_name = "FILE", conflicts_with = "json")]
-    elf: Option<PathBuf>,
-    /// Arguments of that program
-    #[arg(requires = "elf")]
-    arguments: Vec<String>,
-}
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let emulator = Emulator::new()?;

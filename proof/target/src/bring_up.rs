@@ -23,6 +23,7 @@ use std::{
 
 use anstream::println;
 use anyhow::{Context, Result, ensure};
+use common::options::BringUp as Options;
 use common::{cargo, check, ui};
 use firmware::boards::{Board, FlashSector};
 use owo_colors::OwoColorize;
@@ -44,33 +45,6 @@ const STATICS_END: &str = "__sheap";
 const DATA_SYMBOLS: [&str; 3] = ["__sdata", "__edata", "__sidata"];
 /// `GUARD_BYTES` of `src/board/stack.rs`.
 const GUARD_BYTES: u64 = 4096;
-
-/// Look whether a board is what the firmware counts on
-///
-/// Writes a program to the board that says which chip it is, times the step timer, exchanges bytes over
-/// the serial port that `--port` names, and makes faults, each of which resets the chip. Take every wire
-/// off the board that could switch or move something: spindle, coolant and laser are switched on, for up to
-/// 0.3 s if a fault is not noticed. While bytes come over the serial port, it erases and programs the last
-/// sector of the flash that holds no settings. Writes a report, `bring-up/BOARD-NUMBER.json`, and a page beside it. The firmware must be
-/// written again afterwards. docs/bring-up.md tells more.
-#[derive(clap::Args)]
-pub(crate) struct Options {
-    /// The board
-    #[arg(long, value_name = "NAME", required_unless_present = "verify")]
-    board: Option<String>,
-    /// The probe, as `VID:PID` or `VID:PID:SERIAL`, where there is more than one
-    #[arg(long, value_name = "PROBE")]
-    probe: Option<String>,
-    /// The serial port of the board; without it, what needs it stays open
-    #[arg(long, value_name = "DEVICE")]
-    port: Option<PathBuf>,
-    /// What the emulator can show, under QEMU; the report is in `target/bring-up`
-    #[arg(long, conflicts_with_all = ["probe", "port"])]
-    qemu: bool,
-    /// Instead, see whether a report is as it was written
-    #[arg(long, value_name = "REPORT.json", conflicts_with_all = ["board", "probe", "port", "qemu"])]
-    verify: Option<PathBuf>,
-}
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     if let Some(path) = &options.verify {

@@ -11,6 +11,7 @@ use std::process::ExitCode;
 
 use anstream::println;
 use anyhow::{Context, Result, bail, ensure};
+use common::options::Calibrate as Options;
 use common::{cargo, tools, ui};
 use firmware::boards::Board;
 use owo_colors::OwoColorize;
@@ -24,26 +25,6 @@ use crate::{flash, on_target};
 
 /// The program.
 const TEST: &str = "target_calibrate";
-
-/// Measure on a board what the timing analysis takes for granted
-///
-/// Writes a program to the board that runs each class of the analysis' cycle table on the
-/// processor's cycle counter: instructions, buses, flash, exceptions. Prints what was measured beside
-/// the table, and writes `calibration/BOARD.toml`: `cargo xtask schedule` and `build` raise the
-/// table to it, and name it. The firmware must be written again afterwards. docs/calibration.md
-/// tells more.
-#[derive(clap::Args)]
-pub(crate) struct Options {
-    /// The board
-    #[arg(long, value_name = "NAME")]
-    board: String,
-    /// The probe, as `VID:PID` or `VID:PID:SERIAL`, where there is more than one
-    #[arg(long, value_name = "PROBE")]
-    probe: Option<String>,
-    /// Only see whether the program runs, under QEMU, which has no cycle counter
-    #[arg(long, conflicts_with = "probe")]
-    qemu: bool,
-}
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let board = firmware::boards::named(&options.board)?;

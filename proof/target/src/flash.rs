@@ -3,25 +3,9 @@
 use std::{env, path::Path, process::ExitCode};
 
 use anyhow::{Context as _, Result};
+use common::options::Flash as Options;
 use common::{tools, ui};
 use firmware::boards::{Board, compile, layout};
-
-/// Build the firmware and write it to the board with a debug probe
-///
-/// An ST-Link, a J-Link or a CMSIS-DAP probe will do: a Nucleo board has one built in. The first
-/// time, xtask compiles itself anew with probe-rs in it.
-#[derive(clap::Args)]
-pub(crate) struct Options {
-    /// The board
-    #[arg(long, value_name = "NAME")]
-    board: String,
-    /// The probe, as `VID:PID` or `VID:PID:SERIAL`, where there is more than one
-    #[arg(long, value_name = "PROBE")]
-    probe: Option<String>,
-    /// Write it although nothing is proven: it then keeps to 30 000 steps per second
-    #[arg(long)]
-    unproven: bool,
-}
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let board = firmware::boards::named(&options.board)?;

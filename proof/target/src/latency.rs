@@ -20,7 +20,7 @@ mod workload;
 
 use std::{
     io::IsTerminal as _,
-    path::{Path, PathBuf},
+    path::Path,
     process::ExitCode,
     sync::{
         Arc,
@@ -32,6 +32,7 @@ use std::{
 
 use anstream::println;
 use anyhow::{Context, Result};
+use common::options::Latency as Options;
 use common::ui;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -44,40 +45,6 @@ use self::{
     workload::Workload,
 };
 use crate::flash;
-
-/// Measure how long tasks wait and take, beside the bounds that are proven
-///
-/// Without --board, on the emulated board, whose time base is its own: see docs/latency.md. On a
-/// board, through a debug probe. The exit status is 1 when a maximum is above its bound.
-#[derive(clap::Args)]
-pub(crate) struct Options {
-    /// The program that is executed meanwhile; without it, one that keeps every task busy
-    file: Option<PathBuf>,
-    /// The board to measure
-    #[arg(long, value_name = "NAME", conflicts_with = "qemu")]
-    board: Option<String>,
-    /// Measure on the emulated board: the default
-    #[arg(long)]
-    qemu: bool,
-    /// How long to measure, repeating the program; without it, a FILE is executed once
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=86_400))]
-    seconds: Option<u64>,
-    /// The board's serial port, to send the program to; without it, you send one
-    #[arg(long, value_name = "DEVICE", requires = "board")]
-    port: Option<PathBuf>,
-    /// The probe, as `VID:PID` or `VID:PID:SERIAL`, where there is more than one
-    #[arg(long, value_name = "PROBE", requires = "board")]
-    probe: Option<String>,
-    /// Change a setting before, as '$110=5000'; repeatable
-    #[arg(long, value_name = "$N=VALUE")]
-    set: Vec<String>,
-    /// Print JSON instead of tables
-    #[arg(long)]
-    json: bool,
-    /// Draw the histograms
-    #[arg(long, value_name = "OUT.svg")]
-    plot: Option<PathBuf>,
-}
 
 /// How long is measured when nobody says.
 const SECONDS: u64 = 10;
@@ -109,20 +76,18 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     Ok(ExitCode::from(u8::from(outcome.is_refuted())))
 }
 
-impl Options {
-    /// What the firmware executes.
-    fn workload(&self) -> Result<Workload> {
-        let once = self.file.is_some() && self.seconds.is_none();
-        Workload::new(self.file.as_deref(), once)
-    }
+/// What the firmware executes.
+fn chosen_workload(options: &Options) -> Result<Workload> {
+    let once = options.file.is_some() && options.seconds.is_none();
+    Workload::new(options.file.as_deref(), once)
+}
 
-    /// When to stop; `None`: when the workload ends.
-    fn duration(&self) -> Option<Duration> {
-        match (self.seconds, &self.file) {
-            (Some(seconds), _) => Some(Duration::from_secs(seconds)),
-            (None, None) => Some(Duration::from_secs(SECONDS)),
-            (None, Some(_)) => None,
-        }
+/// When to stop; `None`: when the workload ends.
+fn duration(options: &Options) -> Option<Duration> {
+    match (options.seconds, &options.file) {
+        (Some(seconds), _) => Some(Duration::from_secs(seconds)),
+        (None, None) => Some(Duration::from_secs(SECONDS)),
+        (None, Some(_)) => None,
     }
 }
 

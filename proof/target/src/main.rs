@@ -14,43 +14,22 @@ mod run;
 use std::{path::Path, process::ExitCode};
 
 use anyhow::Result;
-use clap::Parser;
-use common::ui;
+use common::options::{self, Verb};
 use leadscrew::settings::StepRate;
 
-/// Runs, measures and writes the firmware.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask", styles = ui::STYLES, disable_help_subcommand = true)]
-#[command(max_term_width = 100, version, propagate_version = true)]
-enum Verb {
-    Bench(bench::Options),
-    BringUp(bring_up::Options),
-    Calibrate(calibrate::Options),
-    Flash(flash::Options),
-    Latency(latency::Options),
-    Qemu(qemu::Options),
-    Run(run::Options),
-    #[command(hide = true)]
-    Sim(on_target::Options),
-    #[command(hide = true)]
-    Replay(replay::Options),
-    #[command(hide = true)]
-    Check(agree::Options),
-}
-
 fn main() -> ExitCode {
-    let verb = Verb::parse();
-    common::main(|| match verb {
+    common::main(|| match options::read() {
         Verb::Bench(options) => bench::run(&options),
         Verb::BringUp(options) => bring_up::run(&options),
         Verb::Calibrate(options) => calibrate::run(&options),
+        Verb::Check(options) => agree::run(&options),
         Verb::Flash(options) => flash::run(&options),
         Verb::Latency(options) => latency::run(&options),
         Verb::Qemu(options) => qemu::run(&options),
-        Verb::Run(options) => run::run(&options),
-        Verb::Sim(options) => on_target::run(&options),
         Verb::Replay(options) => replay::run(&options),
-        Verb::Check(options) => agree::run(&options),
+        Verb::Run(options) => run::run(&options),
+        Verb::SimOnTarget(options) => on_target::run(&options),
+        other => other.refuse(),
     })
 }
 

@@ -10,6 +10,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
+use common::options::SimOnTarget as Options;
 use common::{
     cargo::{self, cargo},
     text, ui,
@@ -29,21 +30,6 @@ use target::emulator::semihosting;
 
 /// The test program that holds the virtual machine.
 const TEST: &str = "target_sim";
-
-/// Run a G-code program on the virtual machine on the emulated chip
-///
-/// What `sim --on-target` hands on to.
-#[derive(clap::Args)]
-pub(crate) struct Options {
-    /// The program
-    file: PathBuf,
-    /// Change a setting, as '$110=5000'; repeatable
-    #[arg(long, value_name = "$N=VALUE")]
-    set: Vec<String>,
-    /// Write answers, messages and figures
-    #[arg(long, value_name = "OUT.json")]
-    json: Option<PathBuf>,
-}
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let loaded = settings::load(None, &options.set)?;

@@ -1,13 +1,14 @@
 //! `cargo xtask qemu`: the firmware itself, on the emulated board.
 
 use std::{
-    path::{Path, PathBuf},
+    path::Path,
     process::ExitCode,
     time::{Duration, Instant},
 };
 
 use anstream::println;
 use anyhow::{Result, bail, ensure};
+use common::options::Qemu as Options;
 use common::{cargo, text, ui};
 use grbl_client::{Report, Response, Sender, realtime, sender::Received};
 use indicatif::ProgressBar;
@@ -23,30 +24,6 @@ use simulation::{
 };
 use target::emulator::{Emulator, Patience, Pins};
 
-/// Run a G-code program on the firmware itself, on the emulated board
-///
-/// Builds the firmware, boots it under QEMU, streams the program over its serial line as senders
-/// do, and reads what the pins did. Answers, final steps and steps per axis are those of `sim`. How
-/// far the firmware could look ahead depends on when the bytes arrive, so the event hash and the
-/// motion time may differ. The exit status is 1 when a line was refused or an alarm rose.
-#[derive(clap::Args)]
-pub(crate) struct Options {
-    /// The program
-    file: PathBuf,
-    /// Change a setting before, as '$110=5000'; repeatable
-    #[arg(long, value_name = "$N=VALUE")]
-    set: Vec<String>,
-    /// Read settings from a file of $n=value lines
-    #[arg(long, value_name = "FILE")]
-    settings: Option<PathBuf>,
-    /// Write answers, messages and figures
-    #[arg(long, value_name = "OUT.json")]
-    json: Option<PathBuf>,
-    /// Run this firmware instead of building it
-    #[arg(long, value_name = "FILE")]
-    elf: Option<PathBuf>,
-}
-
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     // What cannot be read is reported before anything is built.
     let load = |rate| settings::load_for(rate, options.settings.as_deref(), &options.set);
@@ -55,7 +32,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     cargo::need_qemu()?;
     let (board, machine) = firmware::boards::emulated()?;
     let elf = match &options.elf {
-        Some(elf) => elf.clone(),
+        Some(elf) => elf.to_path_buf(),
         None => firmware::firmware(&board)?,
     };
     let loaded = load(crate::step_rate(&elf)?)?;

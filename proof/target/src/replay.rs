@@ -6,31 +6,13 @@
 mod driver;
 mod workload;
 
-use std::{path::PathBuf, process::ExitCode};
+use std::process::ExitCode;
 
 use anyhow::{Context, Result};
+use common::options::Replay as Options;
 use common::{cargo, tools, ui};
 
 use self::driver::Driver;
-
-/// Follow the firmware under a busy workload
-#[derive(clap::Args)]
-pub(crate) struct Options {
-    /// The firmware
-    elf: PathBuf,
-    /// The board
-    #[arg(long)]
-    board: String,
-    /// The step rate that it is proven for
-    #[arg(long)]
-    step_rate: u32,
-    /// The baud rate
-    #[arg(long)]
-    baud: u32,
-    /// Where to write what was found
-    #[arg(long)]
-    out: PathBuf,
-}
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     cargo::need_qemu()?;

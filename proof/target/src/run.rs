@@ -1,30 +1,14 @@
 //! `cargo xtask run`: a program on the emulated board, with its log.
 
-use std::{
-    env, fs,
-    io::Read,
-    path::{Path, PathBuf},
-    process::ExitCode,
-};
+use std::{env, fs, io::Read, path::Path, process::ExitCode};
 
 use anstream::println;
 use anyhow::{Context, Result, bail, ensure};
 use common::cargo;
+use common::options::Run as Options;
 use defmt_decoder::{DecodeError, Locations, StreamDecoder, Table};
 use owo_colors::OwoColorize;
 use target::emulator::semihosting;
-
-/// Run an ELF file on the emulated board and print its log
-///
-/// Cargo's runner for the target: `cargo test --target thumbv7em-none-eabihf --test 'target_*'`
-/// ends up here. The exit status is the program's own.
-#[derive(clap::Args)]
-pub(crate) struct Options {
-    /// The program
-    elf: PathBuf,
-    /// Its arguments, which it reads by semihosting
-    arguments: Vec<String>,
-}
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let here = env::current_dir().context("the current folder is gone")?;

@@ -386,7 +386,6 @@ impl Homing {
             }
         }
         generator.set_steps(self.parameters.motor_steps_of(steps));
-        self.marked_axes = 0;
         self.current_axes = self.later_axes;
         self.later_axes = 0;
         let next = if self.current_axes == 0 {

@@ -353,3 +353,37 @@ impl MovingAverage {
         self.update_needs_sample();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A moving average over seven samples.
+    fn average() -> MovingAverage {
+        let mut average = MovingAverage::new();
+        average.configure(AveragingWindow { samples: 7 });
+        average
+    }
+
+    /// Adds samples of these distances, units. Returns how far they lead, mm.
+    fn push(average: &mut MovingAverage, distances: &[u32]) -> f32 {
+        for &distance in distances {
+            let leaving = average.leaving_sample();
+            let end_mm_s = 0.0;
+            average.push(Sample { distance, end_mm_s }, leaving);
+        }
+        average.forecast(0.0).end.distance_mm
+    }
+
+    #[test]
+    fn a_motion_that_was_dropped_leaves_nothing_to_the_next() {
+        let mut average = average();
+        let first_mm = push(&mut average, &[13]);
+        for distances in [[1, 0], [13, 13], [5, 0]] {
+            average.reset();
+            push(&mut average, &distances);
+            average.reset();
+            assert_eq!(push(&mut average, &[13]), first_mm, "{distances:?}");
+        }
+    }
+}

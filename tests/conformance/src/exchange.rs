@@ -41,14 +41,15 @@ use simulation::{
 /// A recorded exchange.
 #[derive(Debug, Clone)]
 pub(super) struct Exchange {
-    /// `error_cases` or `transcripts`.
-    pub(super) category: &'static str,
+    /// `error_cases`, `transcripts`, or a topic of the repository's own.
+    pub(super) category: String,
     /// Its name in the file.
     pub(super) name: String,
     session: Session,
     /// What Grbl said at power-up.
     boot: Vec<String>,
-    end: End,
+    /// The repository's own have none.
+    end: Option<End>,
     /// What its outputs did; recordings of single lines have none.
     signals: Vec<Event>,
 }
@@ -59,7 +60,7 @@ struct Recorded {
     #[serde(default)]
     boot: Vec<String>,
     #[serde(rename = "final")]
-    end: End,
+    end: Option<End>,
     #[serde(default)]
     aux_events: Vec<Event>,
 }
@@ -91,7 +92,7 @@ pub(super) fn load(dir: &Path, categories: &[String]) -> Result<Vec<Exchange>> {
 }
 
 impl Exchange {
-    fn read(category: &'static str, value: &Value) -> Result<Self> {
+    pub(super) fn read(category: &str, value: &Value) -> Result<Self> {
         let session = Session::read(value)?;
         let Recorded {
             mut boot,
@@ -103,7 +104,7 @@ impl Exchange {
         }
         let id = &session.id;
         Ok(Self {
-            category,
+            category: category.into(),
             name: id.as_str().map_or_else(|| id.to_string(), str::to_owned),
             session,
             boot,
@@ -348,7 +349,8 @@ impl Played {
             }));
         }
         if !is_timed {
-            let rests = exchange.end.idle == Some(true);
+            let end = exchange.end.as_ref();
+            let rests = end.is_some_and(|end| end.idle == Some(true));
             player.wait_for_standstill(if rests { REST_S } else { END_S });
         }
         Ok(Self {
@@ -386,7 +388,9 @@ fn compare(exchange: &Exchange, played: &Played) -> Vec<Difference> {
     let stops = stops::Stops::of(exchange, played, &pairs);
     let judge = explain::Judge::new(exchange, played, &stops);
     let diverged = judge.lines(&our_lines, &their_lines, &mut found);
-    end::compare(exchange, played, &stops, &mut found);
+    if let Some(end) = &exchange.end {
+        end::compare(exchange, (&played.end, end), &stops, &mut found);
+    }
     // What the two machines do once they are in different places cannot be compared.
     let until = diverged.unwrap_or(usize::MAX);
     let is_before = |pair: &&pairs::Paired| pair.step < until;

@@ -1,5 +1,6 @@
 //! `cargo xtask conformance`: what Grbl was recorded to do, against the virtual machine.
 
+mod answers;
 mod check;
 mod compare;
 mod deviation;
@@ -7,15 +8,10 @@ mod exchange;
 mod golden;
 mod print;
 
-use std::{
-    fmt::Write as _,
-    path::{Path, PathBuf},
-    process::ExitCode,
-};
+use std::{fmt::Write as _, path::Path, process::ExitCode};
 
 use anyhow::{Context, Result, ensure};
-use clap::Parser;
-use common::ui;
+use common::options::{self, Conformance as Options, Verb};
 use rayon::prelude::*;
 use serde::Serialize;
 use simulation::{
@@ -30,34 +26,6 @@ use self::{
     exchange::Exchange,
     golden::Case,
 };
-
-/// Replay what Grbl was recorded to do, and compare
-///
-/// DIR holds recordings: programs that were executed (golden/CATEGORY/NAME.grbl.json), programs in
-/// check mode line by line (golden/CATEGORY/NAME.check.csv), single lines
-/// (suites/) and sessions with times (suites/). Answers,
-/// messages, reports, positions, modes, outputs and times are compared. Deliberate deviations are
-/// named and counted; any other difference is printed and makes the exit status 1.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask conformance", styles = ui::STYLES, max_term_width = 100, version)]
-#[command(after_help = ui::AXES)]
-struct Options {
-    /// The recorded data
-    #[arg(required_unless_present = "document")]
-    dir: Option<PathBuf>,
-    /// Only this category: a folder of golden/, 'check', `error_cases` or 'transcripts'; repeatable
-    #[arg(long, value_name = "NAME")]
-    category: Vec<String>,
-    /// Write every comparison as JSON
-    #[arg(long, value_name = "OUT")]
-    json: Option<PathBuf>,
-    /// Print every difference, also those that are by design
-    #[arg(long)]
-    all: bool,
-    /// Print docs/conformance.md
-    #[arg(long, hide = true)]
-    document: bool,
-}
 
 /// Something recorded.
 #[derive(Debug)]
@@ -86,23 +54,30 @@ struct Outcome {
 }
 
 fn main() -> ExitCode {
-    let options = Options::parse();
-    common::main(|| run(&options))
+    common::main(|| match options::read() {
+        Verb::Conformance(options) => run(&options),
+        other => other.refuse(),
+    })
 }
 
 fn run(options: &Options) -> Result<ExitCode> {
-    let Some(dir) = options.dir.as_deref() else {
+    if options.document {
         print!("{}", document()?);
         return Ok(ExitCode::SUCCESS);
+    }
+    let dir = options.dir.as_deref();
+    let recordings = match dir {
+        Some(dir) => load(dir, &options.category)?,
+        None => exchanges(answers::load(&options.category)?),
     };
-    let recordings = load(dir, &options.category)?;
+    let place = dir.unwrap_or(Path::new("tests/conformance"));
     ensure!(
         !recordings.is_empty(),
-        "there is nothing to compare in {}: it should hold golden/CATEGORY/NAME.grbl.json, \
-         golden/CATEGORY/NAME.check.csv or suites/grbl_….json",
-        dir.display()
+        "there is nothing to compare in {}: a folder of recordings holds \
+         golden/CATEGORY/NAME.grbl.json, golden/CATEGORY/NAME.check.csv or suites/grbl_….json",
+        place.display()
     );
-    let outcomes = replay_all(dir, &recordings)?;
+    let outcomes = replay_all(place, &recordings)?;
     print::all(&outcomes, options.all);
     if let Some(path) = &options.json {
         write_json(path, &outcomes)?;
@@ -121,9 +96,13 @@ fn load(dir: &Path, categories: &[String]) -> Result<Vec<Recording>> {
             recordings.extend(check::load(dir)?.into_iter().map(Recording::Check));
         }
     }
-    let exchanges = exchange::load(dir, categories)?.into_iter();
-    recordings.extend(exchanges.map(|exchange| Recording::Exchange(Box::new(exchange))));
+    recordings.extend(exchanges(exchange::load(dir, categories)?));
     Ok(recordings)
+}
+
+fn exchanges(exchanges: Vec<Exchange>) -> Vec<Recording> {
+    let exchanges = exchanges.into_iter().map(Box::new);
+    exchanges.map(Recording::Exchange).collect()
 }
 
 /// What is compared, and every deviation with its rule, as a document.
@@ -141,14 +120,17 @@ const HEAD: &str = "\
 # Compared with Grbl
 
 ```sh
+cargo xtask conformance                              # what is in the repository
 cargo xtask conformance DIR                          # everything that is in the folder
 cargo xtask conformance DIR --category transcripts   # one part; repeatable
 cargo xtask conformance DIR --all --json out.json    # every difference, also those by design
 ```
 
-`DIR` holds recordings of Grbl 1.1h; they are not part of this repository, and no other test needs
-them. Everything is replayed on the virtual machine, which is the firmware's own code, over its serial
-line at 115 200 baud and on a virtual clock. The exit status is 1 when a difference has no name.
+`tests/conformance/` has short programs and what Grbl 1.1h answers to each line, by topic:
+`tests/conformance/src/answers.rs` describes their form. `cargo xtask test` replays them. `DIR` holds
+recordings of whole programs and sessions; they are not part of this repository, and no test needs them.
+Everything is replayed on the virtual machine, which is the firmware's own code, over its serial line at
+115 200 baud and on a virtual clock. The exit status is 1 when a difference has no name.
 
 | files in `DIR` | category | compared |
 |---|---|---|
@@ -203,7 +185,7 @@ fn replay(dir: &Path, recording: &Recording) -> Result<Outcome> {
                 .replay()
                 .with_context(|| format!("exchange {}", exchange.name))?;
             Ok(Outcome::of(
-                exchange.category,
+                &exchange.category,
                 &exchange.name,
                 1,
                 differences,

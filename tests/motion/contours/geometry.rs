@@ -94,8 +94,8 @@ impl Piece {
     pub(super) fn direction(&self, part: f64) -> Point {
         match *self {
             Self::Line { start, end } => {
-                let way = minus(end, start);
-                plus([0.0; 2], way, 1.0 / length(way))
+                let chord = minus(end, start);
+                plus([0.0; 2], chord, 1.0 / length(chord))
             }
             Self::Arc { from, sweep, .. } => {
                 plus([0.0; 2], left(unit(from + sweep * part)), sweep.signum())
@@ -120,8 +120,8 @@ impl Piece {
     pub(super) fn part(&self, point: Point) -> f64 {
         match *self {
             Self::Line { start, end } => {
-                let way = minus(end, start);
-                dot(minus(point, start), way) / dot(way, way)
+                let chord = minus(end, start);
+                dot(minus(point, start), chord) / dot(chord, chord)
             }
             Self::Arc {
                 centre,
@@ -162,7 +162,7 @@ impl Piece {
     }
 
     /// The same at a distance to the left; `None` where an arc is too small for that.
-    pub(super) fn beside(&self, distance: f64) -> Option<Self> {
+    pub(super) fn offset(&self, distance: f64) -> Option<Self> {
         match *self {
             Self::Line { start, end } => {
                 let aside = left(self.direction(0.0));
@@ -261,15 +261,15 @@ pub(super) enum Corner {
     Tangent,
     /// It goes around.
     Convex(Piece),
-    /// It goes to where both ways meet.
+    /// It goes to where both offset curves meet.
     Concave(Point),
 }
 
-/// Returns the corner between two pieces, of which the ways beside them are known, for a tool on the
+/// Returns the corner between two pieces, of which the offset curves are known, for a tool on the
 /// left (`side` 1) or on the right (-1); `None` where the tool does not fit.
 pub(super) fn corner(
     pieces: [&Piece; 2],
-    ways: [&Piece; 2],
+    offsets: [&Piece; 2],
     side: f64,
     radius: f64,
 ) -> Option<Corner> {
@@ -284,39 +284,44 @@ pub(super) fn corner(
         let start = plus(at, left(u), side * radius);
         return Some(Corner::Convex(Piece::arc(start, at, angle * side)));
     }
-    let crossings = ways[0].crossings(ways[1]).into_iter();
+    let crossings = offsets[0].crossings(offsets[1]).into_iter();
     let mut crossings: Vec<_> = crossings
-        .filter(|point| ways[0].part(*point) < 1.0 && ways[1].part(*point) > 0.0)
+        .filter(|point| offsets[0].part(*point) < 1.0 && offsets[1].part(*point) > 0.0)
         .collect();
     crossings.sort_by(|a, b| length(minus(*a, at)).total_cmp(&length(minus(*b, at))));
     crossings.first().copied().map(Corner::Concave)
 }
 
-/// The way of the tool: its moves, each with the pieces of the contour that it may touch.
-pub(super) type Way = Vec<(Piece, [usize; 2])>;
+/// The path of the tool: its moves, each with the pieces of the contour that it may touch.
+pub(super) type ToolPath = Vec<(Piece, [usize; 2])>;
 
-/// Returns the way along pieces, of which the first one is the entry: by a line whose end is beside
+/// Returns the path along pieces, of which the first one is the entry: by a line whose end is beside
 /// the contour, or by an arc. `None` where the tool does not fit.
-pub(super) fn way(entry: &Piece, contour: &[Piece], side: f64, radius: f64) -> Option<Way> {
-    let beside = |piece: &Piece| piece.beside(side * radius);
-    let ways: Option<Vec<_>> = contour.iter().map(beside).collect();
-    let ways = ways?;
+pub(super) fn tool_path(
+    entry: &Piece,
+    contour: &[Piece],
+    side: f64,
+    radius: f64,
+) -> Option<ToolPath> {
+    let offset = |piece: &Piece| piece.offset(side * radius);
+    let offsets: Option<Vec<_>> = contour.iter().map(offset).collect();
+    let offsets = offsets?;
     let mut moves = Vec::new();
-    let first = ways[0].start();
-    // Where the way along the piece begins.
+    let first = offsets[0].start();
+    // Where the path along the piece begins.
     let mut begin = 0.0;
     match entry {
         Piece::Line { start, .. } => {
             let met = corner(
                 [entry, &contour[0]],
-                [&beside(entry)?, &ways[0]],
+                [&offset(entry)?, &offsets[0]],
                 side,
                 radius,
             )?;
             let Corner::Concave(point) = met else {
                 return None;
             };
-            begin = ways[0].part(point);
+            begin = offsets[0].part(point);
             let entered = Piece::Line {
                 start: *start,
                 end: point,
@@ -324,7 +329,7 @@ pub(super) fn way(entry: &Piece, contour: &[Piece], side: f64, radius: f64) -> O
             moves.push((entered, [0, 0]));
         }
         Piece::Arc { .. } => {
-            // Tangent to the contour at its start: the circle through the start that touches the way there.
+            // Tangent to the contour at its start: the circle through the start that touches the path there.
             let chord = minus(entry.start(), first);
             let aside = plus([0.0; 2], left(contour[0].direction(0.0)), side);
             let ahead = dot(chord, aside);
@@ -340,13 +345,13 @@ pub(super) fn way(entry: &Piece, contour: &[Piece], side: f64, radius: f64) -> O
         }
     }
     for (index, pair) in contour.windows(2).enumerate() {
-        let own = &ways[index];
+        let own = &offsets[index];
         let next = index + 1;
-        let met = corner([&pair[0], &pair[1]], [own, &ways[next]], side, radius)?;
+        let met = corner([&pair[0], &pair[1]], [own, &offsets[next]], side, radius)?;
         let (end, around, next_begin) = match met {
             Corner::Tangent => (1.0, None, 0.0),
             Corner::Convex(arc) => (1.0, Some(arc), 0.0),
-            Corner::Concave(point) => (own.part(point), None, ways[next].part(point)),
+            Corner::Concave(point) => (own.part(point), None, offsets[next].part(point)),
         };
         if (end - begin) * pair[0].length() < LEAST_LEFT {
             return None;
@@ -355,11 +360,11 @@ pub(super) fn way(entry: &Piece, contour: &[Piece], side: f64, radius: f64) -> O
         moves.extend(around.map(|arc| (arc, [index, next])));
         begin = next_begin;
     }
-    let last = ways.len() - 1;
+    let last = offsets.len() - 1;
     if (1.0 - begin) * contour[last].length() < LEAST_LEFT {
         return None;
     }
-    moves.push((ways[last].between(begin, 1.0), [last, last]));
+    moves.push((offsets[last].between(begin, 1.0), [last, last]));
     Some(moves)
 }
 
@@ -409,15 +414,15 @@ mod tests {
             start: [0.0, y],
             end: [0.0, 0.0],
         };
-        let inside = way(&entry(5.0), &contour, 1.0, 2.0).unwrap();
+        let inside = tool_path(&entry(5.0), &contour, 1.0, 2.0).unwrap();
         let ends: Vec<_> = inside.iter().map(|(piece, _)| piece.end()).collect();
         let expected = [[2.0, 2.0], [8.0, 2.0], [8.0, 10.0]];
         assert!(ends.iter().zip(expected).all(|(a, b)| near(*a, b)));
-        let outside = way(&entry(-5.0), &contour, -1.0, 2.0).unwrap();
+        let outside = tool_path(&entry(-5.0), &contour, -1.0, 2.0).unwrap();
         let ends: Vec<_> = outside.iter().map(|(piece, _)| piece.end()).collect();
         let expected = [[2.0, -2.0], [10.0, -2.0], [12.0, 0.0], [12.0, 10.0]];
         assert!(ends.iter().zip(expected).all(|(a, b)| near(*a, b)));
         assert!((outside[2].0.length() - PI).abs() < 1e-9);
-        assert!(way(&entry(5.0), &contour, 1.0, 6.0).is_none());
+        assert!(tool_path(&entry(5.0), &contour, 1.0, 6.0).is_none());
     }
 }

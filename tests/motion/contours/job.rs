@@ -7,7 +7,7 @@ use proptest::{collection::vec, prelude::*};
 
 use super::{
     STEP_MM,
-    geometry::{Piece, Point, TANGENT, Way, left, minus, plus, turn, unit, way},
+    geometry::{Piece, Point, TANGENT, ToolPath, left, minus, plus, tool_path, turn, unit},
 };
 
 /// What a corner that counts as tangent may take from a contour.
@@ -288,8 +288,8 @@ impl Job {
     }
 
     /// The way of the tool, where all of it fits.
-    pub(super) fn way(&self) -> Option<Way> {
-        way(&self.entry, &self.contour, self.side, self.radius)
+    pub(super) fn tool_path(&self) -> Option<ToolPath> {
+        tool_path(&self.entry, &self.contour, self.side, self.radius)
     }
 
     /// Where the tool goes after `G40`: away from the contour.
@@ -306,9 +306,12 @@ impl Job {
     }
 
     /// Whether nothing along a way is narrower than the tool but the corners that it is in.
-    pub(super) fn is_wide(&self, way: &Way, samples: f64) -> bool {
+    pub(super) fn is_wide(&self, tool_path: &ToolPath, samples: f64) -> bool {
         let last = self.contour.len() - 1;
-        let moves = way.iter().copied().chain([(self.exit(), [last, last])]);
+        let moves = tool_path
+            .iter()
+            .copied()
+            .chain([(self.exit(), [last, last])]);
         let fits = |(path, own): (Piece, [usize; 2])| {
             let samples = (path.length() / self.radius * samples).ceil().max(1.0) as u32;
             (0..=samples).all(|sample| {
@@ -375,8 +378,8 @@ fn fitting(start: &Start, elements: &[Element]) -> Option<Job> {
         let mut longer = job.clone();
         longer.add(element, start.heading);
         if longer
-            .way()
-            .is_some_and(|way| longer.is_wide(&way, SAMPLES))
+            .tool_path()
+            .is_some_and(|tool_path| longer.is_wide(&tool_path, SAMPLES))
         {
             job = longer;
         }
@@ -384,8 +387,8 @@ fn fitting(start: &Start, elements: &[Element]) -> Option<Job> {
     if job.contour.is_empty() {
         return None;
     }
-    let way = job.way()?;
-    job.is_wide(&way, FINE_SAMPLES).then_some(job)
+    let tool_path = job.tool_path()?;
+    job.is_wide(&tool_path, FINE_SAMPLES).then_some(job)
 }
 
 pub(super) fn wide_contours() -> impl Strategy<Value = Job> {

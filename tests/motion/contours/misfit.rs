@@ -1,7 +1,7 @@
 //! Contours that the tool does not fit.
 
 use super::{
-    geometry::{Piece, Point, Way, left, plus, unit},
+    geometry::{Piece, Point, ToolPath, left, plus, unit},
     job::{FINE_SAMPLES, Job},
 };
 
@@ -34,7 +34,13 @@ pub(super) const MISFITS: [Misfit; 6] = [
 impl Misfit {
     /// Adds it to a job, by numbers from 0 to 1. Returns where the tool stands before it: where the move
     /// begins that waits. `None` where there is no room for it.
-    pub(super) fn add(self, job: &mut Job, way: &Way, size: f64, angle: f64) -> Option<Point> {
+    pub(super) fn add(
+        self,
+        job: &mut Job,
+        tool_path: &ToolPath,
+        size: f64,
+        angle: f64,
+    ) -> Option<Point> {
         let radius = job.radius;
         let at = job.end(0.0);
         let side = job.side;
@@ -42,7 +48,7 @@ impl Misfit {
             let direction = unit(direction[1].atan2(direction[0]) + side * angle);
             (start, direction)
         };
-        let last = way[way.len() - 1].0;
+        let last = tool_path[tool_path.len() - 1].0;
         Some(match self {
             Self::Entry => {
                 job.entry = Piece::Line {
@@ -59,7 +65,7 @@ impl Misfit {
             Self::Arc => {
                 job.add_arc(at, radius * (0.2 + 0.79 * size), side * (0.3 + 2.0 * angle));
                 // Where the move before has ended.
-                way[way.len() - 2].0.end()
+                tool_path[tool_path.len() - 2].0.end()
             }
             Self::Line => {
                 let angle = 0.3 + 1.8 * angle;
@@ -73,13 +79,13 @@ impl Misfit {
                 let first = 0.3 + 1.8 * angle;
                 let [taken, more] = [first, 1.2].map(|angle| radius * (angle / 2.0).tan());
                 let before = job.add_line(at, 2.0 * taken + radius);
-                if !job.is_wide(&job.way()?, FINE_SAMPLES) {
+                if !job.is_wide(&job.tool_path()?, FINE_SAMPLES) {
                     return None;
                 }
                 let part = 0.1 + 0.8 * size;
                 if matches!(self, Self::Behind) {
                     job.add_line(turned(before, first), taken * part);
-                    return Some(way[way.len() - 1].0.end());
+                    return Some(tool_path[tool_path.len() - 1].0.end());
                 }
                 let corner = job.add_line(turned(before, first), taken + more * part);
                 job.add_line(turned(corner, 1.2), 8.0 * radius);

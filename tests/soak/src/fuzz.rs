@@ -8,7 +8,7 @@ mod targets;
 use std::{fs, process::ExitCode};
 
 use anyhow::{Context, Result, bail};
-use clap::Parser;
+use common::options::Fuzz as Options;
 use common::{cargo, ui};
 use indicatif::{HumanCount, ProgressBar};
 
@@ -17,24 +17,6 @@ use self::{
     targets::{TARGETS, Target},
 };
 use crate::quiet::panic_of;
-
-/// Give the library inputs that nobody sends, and look whether any makes it panic
-///
-/// Each target begins with the inputs of its corpus (tests/soak/corpus), and goes on with what becomes of them
-/// when bits, bytes, numbers and pieces are changed.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask fuzz", styles = ui::STYLES, max_term_width = 100, version)]
-#[command(after_help = ui::AXES)]
-pub(crate) struct Options {
-    /// The target: bytes, lines, statements, hosts, sessions or flash; every one without a name
-    target: Option<String>,
-    /// How many inputs each target gets
-    #[arg(long, value_name = "COUNT", default_value_t = 20_000)]
-    inputs: u64,
-    /// The seed of what is changed
-    #[arg(long, value_name = "SEED", default_value_t = 1)]
-    seed: u64,
-}
 
 /// Runs the targets.
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {

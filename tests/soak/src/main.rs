@@ -13,48 +13,22 @@ mod rules;
 mod search;
 mod setup;
 
-use std::{env, process::ExitCode, time::Duration};
+use std::{process::ExitCode, time::Duration};
 
 use anyhow::{Result, ensure};
-use clap::Parser;
+use common::options::{self, Soak as Options, Verb};
 use common::ui;
 use indicatif::{HumanCount, ProgressBar};
 use simulation::proven;
 
 use search::{Done, Until};
 
-/// Let anything happen to the virtual machine, and look whether it does what it must
-///
-/// Lines of all codes, realtime bytes, contacts, damaged bytes, breaks, settings that are stored, and losses of
-/// power come at random times. Every pulse has its width and its distance, no axis is faster than it may be or
-/// leaves its travel, a break holds what runs, each line is answered once, each `?` in time, the machine is where
-/// it believes to be, and what was stored before power was lost is there afterwards.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask soak", styles = ui::STYLES, max_term_width = 100, version)]
-#[command(after_help = ui::AXES)]
-struct Options {
-    /// The seed of the first history; each one after it has the next
-    #[arg(long, value_name = "SEED", default_value_t = 1)]
-    seed: u64,
-    /// How long, s
-    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
-    seconds: u64,
-    /// Instead, until the machines have run for so many hours
-    #[arg(long, value_name = "HOURS", conflicts_with = "seconds")]
-    machine_hours: Option<f64>,
-    /// Instead, a number of histories
-    #[arg(long, value_name = "COUNT", conflicts_with_all = ["seconds", "machine_hours"])]
-    histories: Option<u64>,
-}
-
 fn main() -> ExitCode {
-    let mut arguments = env::args_os();
-    if arguments.nth(1).is_some_and(|name| name == "fuzz") {
-        let options = fuzz::Options::parse_from(env::args_os().skip(1));
-        return common::main(|| fuzz::run(&options));
-    }
-    let options = Options::parse();
-    common::main(|| run(&options))
+    common::main(|| match options::read() {
+        Verb::Soak(options) => run(&options),
+        Verb::Fuzz(options) => fuzz::run(&options),
+        other => other.refuse(),
+    })
 }
 
 /// Greatest growth of the process behind the first histories, KiB.

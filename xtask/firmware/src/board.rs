@@ -3,7 +3,7 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    path::{Path, PathBuf},
+    path::Path,
     process::{ExitCode, Stdio},
     sync::Mutex,
     thread,
@@ -11,49 +11,12 @@ use std::{
 
 use anstream::{print, println};
 use anyhow::{Context, Result, anyhow, bail};
+use common::options::Board as Verb;
+use common::options::BoardCheck as Options;
 use common::{cargo, tools};
 use firmware::boards::{Board, pins, rates};
 use firmware::rehearsal;
 use owo_colors::OwoColorize;
-
-/// Check the file of a board, or make one of a printer's configuration
-#[derive(clap::Subcommand)]
-pub(crate) enum Verb {
-    Check(Options),
-    Import(ImportOptions),
-}
-
-/// Check the file of a board
-///
-/// Tells what a build would make of it, with a table of its pins, or prints the error of a wrong file with its
-/// line, and ends with status 1.
-#[derive(clap::Args)]
-pub(crate) struct Options {
-    /// A board's name, or the path of a file
-    #[arg(value_name = "BOARD", required_unless_present = "all")]
-    board: Option<String>,
-    /// Every board of the project: also builds each firmware with three axes and more, looks what of the flash is left
-    /// free, and starts it on a model of its chip, where pip can get the processor for that
-    #[arg(long, conflicts_with = "board")]
-    all: bool,
-    /// The same of one board; and prove the step rate at 115 200 baud
-    #[arg(long)]
-    prove: bool,
-    /// Write the rates that are proven into docs/rates.toml, of which `cargo xtask docs` makes tables
-    #[arg(long, requires = "prove")]
-    write: bool,
-}
-
-/// Make a board's file of a printer's configuration in Klipper's syntax
-///
-/// Prints it: `cargo xtask board import printer.cfg > boards/mine.toml`. What the configuration does not tell
-/// stands there as comments: chip, crystal, bootloader, the sender's pins, spindle, buttons.
-#[derive(clap::Args)]
-pub(crate) struct ImportOptions {
-    /// The configuration, which may include others
-    #[arg(value_name = "PRINTER.CFG")]
-    printer: PathBuf,
-}
 
 pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
     match verb {

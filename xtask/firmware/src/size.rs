@@ -4,25 +4,12 @@ use std::process::ExitCode;
 
 use anstream::println;
 use anyhow::{Result, ensure};
+use common::options::Size as Options;
 use object::{Object, ObjectSection, SectionFlags, elf};
 use owo_colors::OwoColorize;
 
 use board_data::MemoryLayout;
 use firmware::boards::{compile, layout};
-
-/// Build the firmware and show how much flash and RAM it takes
-///
-/// Flash is what the program may use: neither a bootloader's nor that of the settings. RAM is what is taken statically;
-/// the rest is the stack's.
-#[derive(clap::Args)]
-pub(crate) struct Options {
-    /// A board's name, or the path of a file; netduino-plus-2 without it
-    #[arg(long, value_name = "BOARD")]
-    board: Option<String>,
-    /// Every board of the project
-    #[arg(long, conflicts_with = "board")]
-    all: bool,
-}
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let mut rows = Vec::new();

@@ -12,7 +12,7 @@ use simulation::{
     program::Program,
 };
 
-use crate::{cases::factor, page};
+use crate::{cases::rounds, page};
 
 /// Runs a program.
 fn run(settings: &Settings, program: &str) -> Job {
@@ -66,7 +66,7 @@ fn a_page_of_200_000_lines_has_at_most_2_megabytes() {
     let mut settings = mill();
     assign(&mut settings, b"32=1").expect("a laser may be set");
     let size = |lines: usize| page::write(&run(&settings, &relief(lines))).len();
-    let lines = 2000 * factor() as usize;
+    let lines = rounds(2000) as usize;
     let [few, many] = [lines, 3 * lines].map(size);
     // 2 MB for 200 000 lines, with 150 KB for the page itself and its curves.
     let most = 2 * lines * (2_000_000 - 150_000) / 200_000;

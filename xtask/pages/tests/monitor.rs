@@ -31,6 +31,7 @@ struct Monitor {
 impl Monitor {
     fn start(arguments: &[&str]) -> Self {
         let mut process = Command::new(env!("CARGO_BIN_EXE_monitor"))
+            .arg("monitor")
             .args(arguments)
             .current_dir(root())
             .stdin(Stdio::null())

@@ -21,6 +21,7 @@ fn folder(program: &str) -> TempDir {
 
 fn view(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_view"))
+        .arg("view")
         .arg("part <1>.nc")
         .args(arguments)
         .current_dir(folder)
@@ -86,6 +87,7 @@ fn ctrl_c_leaves_nothing_behind() {
         let folder = tempfile::tempdir().expect("a folder can be made");
         let options: &[&str] = if named { &["-o", "page.html"] } else { &[] };
         let mut process = Command::new(env!("CARGO_BIN_EXE_view"))
+            .arg("view")
             .arg("-")
             .args(options)
             .current_dir(folder.path())
@@ -157,6 +159,7 @@ fn the_picture_of_the_readme_is_what_its_command_draws() {
     let folder = tempfile::tempdir().expect("a folder can be made");
     let picture = folder.path().join("view.svg");
     let output = Command::new(env!("CARGO_BIN_EXE_view"))
+        .arg("view")
         .args([
             "examples/plate.nc",
             "--settings",

@@ -85,6 +85,7 @@ fn settings(arguments: &[&str]) -> (bool, String, String) {
         &["--timeout", "60"]
     };
     let output = Command::new(env!("CARGO_BIN_EXE_settings"))
+        .arg("settings")
         .args(arguments)
         .args(patient)
         .output()

@@ -1,11 +1,10 @@
 //! Axes with a second motor, and where both of their motors stand.
 
-use std::str::FromStr;
-
-use anyhow::{Context, Error, Result, bail, ensure};
+use anyhow::{Result, ensure};
+use common::options::SecondMotor;
 use common::text::row;
 use leadscrew::{
-    axis::{LETTERS, LINEAR, Y},
+    axis::{LETTERS, Y},
     model::Levels,
     settings::Settings,
     sim::{Closes, Simulator, Switch},
@@ -14,31 +13,6 @@ use serde::Serialize;
 use simulation::machine::SwitchPositions;
 
 use crate::steps_per_mm;
-
-/// A second motor with a switch of its own, as it is asked for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct SecondMotor {
-    /// Its axis, 0 = X.
-    axis: usize,
-    /// How far it is ahead of the first one at power-up, mm.
-    ahead_mm: f64,
-}
-
-impl FromStr for SecondMotor {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        let (letter, ahead) = text.split_once('=').unwrap_or((text, "0"));
-        let linear = LETTERS[..LINEAR].iter();
-        let mut letters = linear.map(|letter| char::from(*letter).to_string());
-        let Some(axis) = letters.position(|of| of.eq_ignore_ascii_case(letter)) else {
-            bail!("X, Y or Z may have a second motor");
-        };
-        let ahead_mm = ahead.parse().ok().filter(|mm: &f64| mm.is_finite());
-        let ahead_mm = ahead_mm.with_context(|| format!("{ahead} is no number of mm"))?;
-        Ok(Self { axis, ahead_mm })
-    }
-}
 
 /// Gives a machine that is just switched on its second motors, and each the switch to which its axis homes.
 pub(crate) fn mount(motors: &[SecondMotor], simulator: &mut Simulator) -> Result<()> {
@@ -152,7 +126,7 @@ mod tests {
             ("Y=3mm", "no number"),
             ("Y=inf", "no number"),
         ] {
-            let said = text.parse::<SecondMotor>().unwrap_err().to_string();
+            let said = text.parse::<SecondMotor>().unwrap_err();
             assert!(said.contains(error), "{text}: {said}");
         }
     }

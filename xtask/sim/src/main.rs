@@ -16,17 +16,11 @@ mod tests;
 mod tool_table;
 mod trace;
 
-use std::{
-    ffi::OsString,
-    os::unix::net::UnixStream,
-    path::{Path, PathBuf},
-    process::ExitCode,
-    time::Instant,
-};
+use std::{ffi::OsString, os::unix::net::UnixStream, path::Path, process::ExitCode, time::Instant};
 
 use anstream::println;
 use anyhow::{Context, Result};
-use clap::Parser;
+use common::options::{self, Sim as Options, Verb};
 use common::{
     cargo,
     text::{self, separated},
@@ -43,103 +37,16 @@ use simulation::{
     session, settings, summary,
 };
 
-use gantry::{SecondMotor, Sides};
+use gantry::Sides;
 use power_up::PowerUp;
 use recorder::Recording;
 use serve::{Server, Tcp, Terminal};
 
-/// Run a G-code program on the virtual machine
-///
-/// The machine is the firmware's own code on a virtual clock, so a program runs as fast as the
-/// computer goes and gives the same step edges every time. It is streamed as senders do, to a
-/// machine that is unlocked as after homing. The exit status is 1 when a line was refused or an
-/// alarm rose.
-///
-/// With --pty or --tcp the same machine runs in real time, for any sender to connect to.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask sim", styles = ui::STYLES, max_term_width = 100, version)]
-#[command(after_help = ui::AXES)]
-#[command(group = clap::ArgGroup::new("what").required(true).args(["file", "pty", "tcp", "session"]))]
-struct Options {
-    /// The program; `-` is standard input
-    file: Option<PathBuf>,
-    /// Change a setting, as '$110=5000'; repeatable
-    #[arg(long, value_name = "$N=VALUE")]
-    set: Vec<String>,
-    /// Speak the RepRap dialect: '$780=1', and each line with its number and checksum
-    #[arg(long, conflicts_with_all = ["on_target", "session"])]
-    reprap: bool,
-    /// Read settings from a file of $n=value lines
-    #[arg(long, value_name = "FILE")]
-    settings: Option<PathBuf>,
-    /// Read the tool table from a file of LinuxCNC, in mm: a line like 'T1 P1 Z10.16 D3.048' for each
-    /// tool. Tools of the machine that are not in it stay
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["on_target", "session"])]
-    tool_table: Option<PathBuf>,
-    /// Write every step event: time in ns from the first step, steps of each axis after it
-    #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["on_target", "session"])]
-    trace: Option<PathBuf>,
-    /// Write which coils are energised whenever that changes, if motors are driven by phases: time in ns from
-    /// power-up, IN1 to IN4 of each axis
-    #[arg(
-        long,
-        value_name = "OUT.csv",
-        requires = "file",
-        conflicts_with = "on_target"
-    )]
-    coils: Option<PathBuf>,
-    /// Draw the tool path, with the holes of canned cycles and the contour of cutter compensation, and
-    /// speed and acceleration over time
-    #[arg(long, value_name = "OUT.svg", conflicts_with_all = ["on_target", "session"])]
-    plot: Option<PathBuf>,
-    /// Measure how good the motion is: step times, jumps, accelerations and jerks, the distance from
-    /// the programmed path, the speed in its corners; --plot then draws jerk and distance as well, and
-    /// --json has the figures under the key `quality`
-    #[arg(long, requires = "file", conflicts_with = "on_target")]
-    quality: bool,
-    /// Write answers, messages and figures
-    #[arg(long, value_name = "OUT.json", conflicts_with = "session")]
-    json: Option<PathBuf>,
-    /// Run the virtual machine on the emulated chip instead of this computer
-    #[arg(long, requires = "file")]
-    on_target: bool,
-    /// Serve the machine in real time at a new serial device, until Ctrl-C
-    #[arg(long, value_name = "PATH")]
-    pty: Option<PathBuf>,
-    /// Serve the machine in real time at a TCP address such as 127.0.0.1:2323, until Ctrl-C
-    #[arg(long, value_name = "ADDR:PORT")]
-    tcp: Option<String>,
-    /// Give the machine limit switches at the ends of its travel, in whose middle it stands, and a
-    /// probe plate 10 mm above the low end of Z
-    #[arg(long, conflicts_with_all = ["on_target", "session"])]
-    switches: bool,
-    /// Give X, Y or Z a second motor with a limit switch of its own, so far ahead of the first one: 'Y=3' is a
-    /// gantry that is skewed by 3 mm. Homing squares it, and where both motors stand is printed; repeatable
-    #[arg(
-        long,
-        value_name = "AXIS=MM",
-        requires = "switches",
-        conflicts_with_all = ["on_target", "session", "pty", "tcp"]
-    )]
-    second: Vec<SecondMotor>,
-    /// Begin the program locked where homing is on ($22=1), as a machine is at power-up
-    #[arg(long, requires = "file", conflicts_with = "on_target")]
-    locked: bool,
-    /// Keep what is stored in this file, as the machine's flash does; a new file is a new machine.
-    /// Settings that are given beside it are stored there
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["on_target", "session"])]
-    flash: Option<PathBuf>,
-    /// Replay recorded exchanges in virtual time
-    #[arg(long, value_name = "IN.json", requires = "out", conflicts_with_all = ["set", "settings"])]
-    session: Option<PathBuf>,
-    /// Where to write what was received
-    #[arg(long, value_name = "OUT.json", requires = "session")]
-    out: Option<PathBuf>,
-}
-
 fn main() -> ExitCode {
-    let options = Options::parse();
-    common::main(|| run(&options))
+    common::main(|| match options::read() {
+        Verb::Sim(options) => run(&options),
+        other => other.refuse(),
+    })
 }
 
 fn run(options: &Options) -> Result<ExitCode> {
@@ -256,12 +163,12 @@ fn serve(
 /// Hands on to the tool that runs the virtual machine under QEMU.
 fn on_target(path: &Path, statements: &[String], options: &Options) -> Result<ExitCode> {
     cargo::need_qemu()?;
-    let mut arguments = vec![OsString::from("sim"), path.into()];
+    let mut arguments = vec![OsString::from("sim-on-target"), path.into()];
     for statement in statements {
         arguments.extend(["--set".into(), format!("${statement}").into()]);
     }
     if let Some(json) = &options.json {
-        arguments.extend(["--json".into(), json.into()]);
+        arguments.extend(["--json".into(), json.as_os_str().into()]);
     }
     tools::become_tool(tools::TARGET, arguments)
 }

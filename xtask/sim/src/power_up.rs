@@ -7,6 +7,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
+use common::options::SecondMotor;
 use leadscrew::{
     gcode::LineError,
     model::State,
@@ -14,10 +15,7 @@ use leadscrew::{
 };
 use simulation::{machine::SwitchPositions, output::Output, play, proven, settings::Loaded};
 
-use crate::{
-    gantry::{self, SecondMotor},
-    tool_table::Tool,
-};
+use crate::{gantry, tool_table::Tool};
 
 /// How the machine is switched on.
 pub(crate) struct PowerUp<'a> {

@@ -12,7 +12,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 fn sim(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_sim"));
-    command.args(arguments).current_dir(folder);
+    command.arg("sim").args(arguments).current_dir(folder);
     command
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
@@ -116,7 +116,7 @@ fn the_version_is_that_of_the_workspace() {
     let run = done(folder.path(), &["--version"], "");
     assert_eq!(
         text(&run.stdout).trim(),
-        concat!("sim ", env!("CARGO_PKG_VERSION"))
+        concat!("xtask-sim ", env!("CARGO_PKG_VERSION"))
     );
 }
 

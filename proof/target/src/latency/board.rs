@@ -44,7 +44,7 @@ mod with_probe {
 
     /// Measures on a board.
     pub(in crate::latency) fn measure(name: &str, options: &Options) -> Result<Outcome> {
-        let workload = options.workload()?;
+        let workload = workload(options)?;
         let board = firmware::boards::named(name)?;
         let elf = firmware::traced(&board)?;
         let proof = bounds::Proof::of(&elf, &board)?;
@@ -77,7 +77,7 @@ mod with_probe {
         let (start, stop) = (Instant::now(), interrupted()?);
         let live = Live::new();
         let over = || {
-            if is_over(start, options.duration(), &stop) {
+            if is_over(start, duration(options), &stop) {
                 workload.stop();
                 return true;
             }

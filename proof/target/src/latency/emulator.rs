@@ -19,7 +19,7 @@ use target::emulator::{Debugger, Emulator, FIRST_USART, symbol};
 use super::{
     Chip, Live, Options, bounds,
     channels::Memory,
-    follow, interrupted, is_over,
+    chosen_workload, duration, follow, interrupted, is_over,
     measurement::{Clock, Task},
     open,
     outcome::{Outcome, judge},
@@ -32,7 +32,7 @@ const CLOCK: u32 = 0x4000_0c24;
 
 /// Measures on the emulated board.
 pub(super) fn measure(options: &Options) -> Result<Outcome> {
-    let workload = options.workload()?;
+    let workload = chosen_workload(options)?;
     cargo::need_qemu()?;
     let (board, machine) = firmware::boards::emulated()?;
     let elf = firmware::traced_for_emulator(&board)?;
@@ -44,7 +44,7 @@ pub(super) fn measure(options: &Options) -> Result<Outcome> {
         machine: &machine,
         workload: &workload,
         loaded: &loaded,
-        duration: options.duration(),
+        duration: duration(options),
     };
     let outcome = |tasks: &[Task]| Outcome {
         subject: format!("{} under QEMU: {}", board.name, workload.name()),

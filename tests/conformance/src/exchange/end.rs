@@ -2,7 +2,7 @@
 
 use leadscrew::axis::AXES;
 
-use super::{Exchange, Played, stops::Stops};
+use super::{Exchange, stops::Stops};
 use crate::{
     compare::{Difference, follows_from_answers},
     deviation::Deviation,
@@ -31,11 +31,10 @@ struct Ends<'a> {
 
 pub(super) fn compare(
     exchange: &Exchange,
-    played: &Played,
+    (ours, theirs): (&End, &End),
     stops: &Stops,
     found: &mut Vec<Difference>,
 ) {
-    let (ours, theirs) = (&played.end, &exchange.end);
     let scale = exchange.scale();
     let by: Vec<f64> = (ours.mpos_steps.iter().zip(&theirs.mpos_steps))
         .zip(scale)

@@ -112,7 +112,8 @@ fn recorded_until(exchange: &Exchange) -> f64 {
     let is_on = |levels: Levels| levels.last().is_some_and(|(_, value)| *value != 0);
     let power = is_on(power(&exchange.signals, same));
     let flood = is_on(levels(&exchange.signals, "coolant_flood", same));
-    let off = |group: usize| exchange.end.modal.get(group) == Some(&0);
+    let end = exchange.end.as_ref();
+    let off = |group: usize| end.is_some_and(|end| end.modal.get(group) == Some(&0));
     let contradicts = (power && off(SPINDLE)) || (flood && off(COOLANT));
     let last_s = exchange.signals.last().map(|Event(at_s, ..)| *at_s);
     match last_s {

@@ -6,7 +6,7 @@ mod tables;
 use std::{fmt::Write as _, fs, path::Path, process::ExitCode};
 
 use anyhow::{Context, Result, bail};
-use clap::Parser;
+use common::options::{self, Docs as Options, Verb};
 use common::{BAUD, cargo, text::separated, tools, ui};
 use leadscrew::{
     axis::AXES,
@@ -18,15 +18,6 @@ use leadscrew::{
     settings::{DataType, Kind, Setting, Settings, StepRate, Value, assign},
 };
 use simulation::proven;
-
-/// Write the documents that are made from the code: settings, errors and alarms
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask docs", styles = ui::STYLES, max_term_width = 100, version)]
-struct Options {
-    /// Write nothing; fail when a document is out of date
-    #[arg(long)]
-    check: bool,
-}
 
 /// Where a document lies, and what makes it.
 type Document = (&'static str, fn() -> Result<String>);
@@ -46,8 +37,10 @@ fn conformance_table() -> Result<String> {
 }
 
 fn main() -> ExitCode {
-    let options = Options::parse();
-    common::main(|| run(&options))
+    common::main(|| match options::read() {
+        Verb::Docs(options) => run(&options),
+        other => other.refuse(),
+    })
 }
 
 fn run(options: &Options) -> Result<ExitCode> {

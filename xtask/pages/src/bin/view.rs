@@ -5,13 +5,13 @@ use std::{
     ffi::OsStr,
     io::Write as _,
     os::unix::net::UnixStream,
-    path::{Path, PathBuf},
+    path::Path,
     process::{Command, ExitCode, Stdio},
 };
 
 use anstream::println;
 use anyhow::{Context, Result, bail};
-use clap::Parser;
+use common::options::{self, Verb, View as Options};
 use common::{
     text::{self, duration, separated},
     ui,
@@ -29,48 +29,18 @@ use simulation::{
 };
 use tempfile::TempDir;
 
-/// Show a G-code program as a page: its path, its speeds and its time
-///
-/// The program runs on the virtual machine as with `cargo xtask sim`, and everything that it does goes into
-/// one HTML file, which needs nothing else: no network, no other program than a browser. The browser is
-/// opened, unless the file is named with -o. The exit status is 1 when a line was refused or an alarm rose.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask view", styles = ui::STYLES, max_term_width = 100, version)]
-#[command(after_help = ui::AXES)]
-struct Options {
-    /// The program; `-` is standard input
-    file: PathBuf,
-    /// Change a setting, as '$110=5000'; repeatable
-    #[arg(long, value_name = "$N=VALUE")]
-    set: Vec<String>,
-    /// Read settings from a file of $n=value lines
-    #[arg(long, value_name = "FILE")]
-    settings: Option<PathBuf>,
-    /// Give the machine limit switches at the ends of its travel, in whose middle it stands, and a
-    /// probe plate 10 mm above the low end of Z
-    #[arg(long)]
-    switches: bool,
-    /// Where to write the page, instead of a temporary folder
-    #[arg(short, long, value_name = "OUT.html")]
-    output: Option<PathBuf>,
-    /// Draw a picture that moves, for documents, instead of the page
-    #[arg(long, value_name = "OUT.svg", conflicts_with = "output")]
-    picture: Option<PathBuf>,
-    /// Do not open the browser
-    #[arg(long)]
-    no_open: bool,
-}
-
 fn main() -> ExitCode {
-    let options = Options::parse();
-    common::main(|| run(&options))
+    common::main(|| match options::read() {
+        Verb::View(options) => run(&options),
+        other => other.refuse(),
+    })
 }
 
 fn run(options: &Options) -> Result<ExitCode> {
     let loaded = settings::load(options.settings.as_deref(), &options.set)?;
     let program = Program::open(&options.file)?;
     let name = match options.file.file_name() {
-        Some(name) if options.file != Path::new("-") => name,
+        Some(name) if !options.file.is_standard_input() => name,
         _ => OsStr::new("standard input"),
     };
     let name = name.to_string_lossy();
@@ -78,7 +48,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     let stop = interrupt::interruptions()?;
     let folder = named.is_none().then(temporary).transpose()?;
     let path = match (named, &folder) {
-        (Some(path), _) => path.clone(),
+        (Some(path), _) => path.to_path_buf(),
         (None, Some(folder)) => folder.path().join(page_name(&name)),
         (None, None) => bail!("no file is named"),
     };

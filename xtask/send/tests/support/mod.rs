@@ -101,6 +101,7 @@ impl Sending {
     pub(crate) fn start(arguments: &[&str]) -> Self {
         let mut process = spawn(
             Command::new(env!("CARGO_BIN_EXE_send"))
+                .arg("send")
                 .args(arguments)
                 .args(["--timeout", "60"])
                 .stdin(Stdio::piped())

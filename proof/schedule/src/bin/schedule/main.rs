@@ -12,15 +12,11 @@ mod sample;
 mod text;
 mod verdict;
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::ExitCode,
-};
+use std::{fs, path::Path, process::ExitCode};
 
 use anstream::{eprintln, println};
 use anyhow::{Context, Error, Result, anyhow, bail, ensure};
-use clap::Parser;
+use common::options::{self, Schedule as Options, Verb};
 use common::{BAUD, cargo, text::row, tools, ui, whole_thousands};
 use firmware::boards::{Board, compile};
 use owo_colors::OwoColorize;
@@ -28,74 +24,11 @@ use schedule::{Clock, Config, Input, Measured, Model, Report, Rule, replay::Summ
 
 use verdict::Verdict;
 
-/// Prove from the machine code that every task meets its deadline
-///
-/// Builds the firmware, bounds the execution time of every task from the ELF file, and from that,
-/// the priorities and `schedule.toml` its response time. Fails when a deadline can be missed, a
-/// panic, recursion, an indirect call or an unbounded loop can be reached from a task with a
-/// deadline, interrupts are off for too long anywhere, or the binary is not what the source says.
-/// docs/scheduling.md explains the proof.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask schedule", styles = ui::STYLES, max_term_width = 100, version)]
-#[command(after_help = ui::AXES)]
-struct Options {
-    /// The board
-    #[arg(long, value_name = "NAME", default_value = "netduino-plus-2")]
-    board: String,
-    /// Analyse this program instead of building the firmware
-    #[arg(long, value_name = "FILE")]
-    elf: Option<PathBuf>,
-    /// Step rate of the table: pulses of all axes together in a second; without it, the required
-    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(1..))]
-    step_rate: Option<u32>,
-    /// Baud rate of the table; without it, the firmware's
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    baud: Option<u32>,
-    /// Write the report to a file, for programs
-    #[arg(long, value_name = "OUT")]
-    json: Option<PathBuf>,
-    /// Write the report as a page with pictures
-    #[arg(long, value_name = "OUT")]
-    html: Option<PathBuf>,
-    /// Write the report that the documents show
-    #[arg(long, conflicts_with_all = ["elf", "step_rate", "baud"])]
-    write: bool,
-    /// Fail when the report that the documents show is out of date
-    #[arg(long, conflicts_with_all = ["elf", "step_rate", "baud", "write"])]
-    check: bool,
-    /// Run the firmware under a busy workload in QEMU, and compare with the proof what it executes
-    #[arg(long, conflicts_with_all = ["write", "check"])]
-    replay: bool,
-    /// Put faults into copies of the firmware, and tell how many of them the proof finds
-    #[arg(
-        long,
-        value_name = "N",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = "60",
-        conflicts_with_all = ["elf", "step_rate", "baud", "json", "html", "check", "replay"]
-    )]
-    mutants: Option<usize>,
-    /// Where the faults go: which functions are drawn
-    #[arg(long, value_name = "N", default_value = "1", requires = "mutants")]
-    seed: u64,
-    /// Print the loops of tasks without a deadline that nothing counts, with what ends them
-    #[arg(long, conflicts_with_all = ["write", "check", "replay", "mutants"])]
-    loops: bool,
-    /// Print the cycles of each class of instructions and accesses, and analyse nothing
-    #[arg(long, conflicts_with_all = ["elf", "step_rate", "baud", "write", "check", "replay", "mutants"])]
-    table: bool,
-    /// Print the highest proven step rate and nothing else
-    #[arg(long, hide = true, conflicts_with_all = ["table", "write", "check", "replay"])]
-    rate: bool,
-    /// Print the verdict and nothing else
-    #[arg(long, hide = true, conflicts_with_all = ["table", "write", "check", "replay", "rate"])]
-    verdict: bool,
-}
-
 fn main() -> ExitCode {
-    let options = Options::parse();
-    common::main(|| run(&options))
+    common::main(|| match options::read() {
+        Verb::Schedule(options) => run(&options),
+        other => other.refuse(),
+    })
 }
 
 fn run(options: &Options) -> Result<ExitCode> {
@@ -112,7 +45,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         });
     }
     let elf = match &options.elf {
-        Some(elf) => elf.clone(),
+        Some(elf) => elf.to_path_buf(),
         None => compile::firmware(&board)?,
     };
     let report = analyse(&elf, &board, options)?;

@@ -11,16 +11,11 @@ mod tap;
 mod track;
 mod watch;
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::ExitCode,
-    sync::Arc,
-};
+use std::{fs, path::Path, process::ExitCode, sync::Arc};
 
 use anyhow::{Context, Result, ensure};
-use clap::Parser;
-use common::{BAUD, ui};
+use common::options::{self, Monitor as Options, Verb};
+use common::ui;
 use grbl_client::Machine;
 use simulation::{Job, interrupt::interruptions, output::Output, program::Program, pty::Pty};
 
@@ -32,57 +27,11 @@ use source::Source;
 use track::Track;
 use watch::Watch;
 
-/// Show in a browser what a machine does
-///
-/// The machine is a board at a serial port, any machine that speaks Grbl, or the simulator. A page on
-/// this computer shows path, position, state and speed. With FILE the program is streamed, and the
-/// command ends with it; otherwise it ends with Ctrl-C. With --link a sender connects through it, and
-/// every byte passes. Of FILE, or of the --program that a sender sends, the page shows the whole path
-/// from the beginning, what has been cut of it, and how long the rest will take.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask monitor", styles = ui::STYLES, max_term_width = 100, version)]
-#[command(after_help = ui::AXES)]
-#[command(group = clap::ArgGroup::new("where").required(true).args(["port", "tcp", "sim"]))]
-struct Options {
-    /// The program; `-` is standard input
-    #[arg(conflicts_with = "link")]
-    file: Option<PathBuf>,
-    /// The program that is sent by somebody else: the page shows its path and the time that is left
-    #[arg(long, value_name = "FILE", conflicts_with = "file")]
-    program: Option<PathBuf>,
-    /// The serial port of the machine, such as /dev/ttyACM0
-    #[arg(long, value_name = "DEVICE")]
-    port: Option<PathBuf>,
-    /// The TCP address of the machine, such as 127.0.0.1:2323
-    #[arg(long, value_name = "ADDR:PORT")]
-    tcp: Option<String>,
-    /// Watch the virtual machine, in real time
-    #[arg(long)]
-    sim: bool,
-    /// The baud rate of the serial port
-    #[arg(long, value_name = "BAUD", default_value_t = BAUD, requires = "port")]
-    baud: u32,
-    /// Read settings of the virtual machine from a file of $n=value lines; with --program, those of a
-    /// machine that is already in motion and cannot be asked
-    #[arg(long, value_name = "FILE")]
-    settings: Option<PathBuf>,
-    /// Change a setting of the virtual machine, as '$110=5000'; repeatable
-    #[arg(long, value_name = "$N=VALUE", requires = "sim")]
-    set: Vec<String>,
-    /// Make a serial device at which a sender reaches the machine
-    #[arg(long, value_name = "PATH")]
-    link: Option<PathBuf>,
-    /// Where the page is served; port 0 is any that is free
-    #[arg(long, value_name = "ADDR:PORT", default_value = "127.0.0.1:0")]
-    http: String,
-    /// Draw the picture into a file at the end
-    #[arg(long, value_name = "OUT.svg")]
-    svg: Option<PathBuf>,
-}
-
 fn main() -> ExitCode {
-    let options = Options::parse();
-    common::main(|| run(&options))
+    common::main(|| match options::read() {
+        Verb::Monitor(options) => run(&options),
+        other => other.refuse(),
+    })
 }
 
 fn run(options: &Options) -> Result<ExitCode> {
@@ -129,7 +78,7 @@ fn rehearse(options: &Options, machine: &mut Machine) -> Result<Option<(Job, Pat
         "--settings needs --sim or --program"
     );
     let file = options.program.as_ref().or(options.file.as_ref());
-    let Some(path) = file.filter(|path| **path != Path::new("-")) else {
+    let Some(path) = file.filter(|path| !path.is_standard_input()) else {
         return Ok(None);
     };
     let mut answers = source::answers(machine)?;

@@ -13,15 +13,15 @@ mod screen;
 use std::{
     io::Read as _,
     os::{fd::AsFd as _, unix::net::UnixStream},
-    path::{Path, PathBuf},
+    path::Path,
     process::ExitCode,
     time::{Duration, Instant},
 };
 
 use anstream::println;
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use clap::Parser;
-use common::{BAUD, text::duration, ui};
+use common::options::{self, Send as Options, Verb};
+use common::{text::duration, ui};
 use grbl_client::{
     Link, Machine, MachineAnswers,
     link::{self, LinkLost, PollFlags, Stopped},
@@ -49,88 +49,17 @@ const STOP: Duration = Duration::from_secs(30);
 /// How often it is looked whether a machine is back.
 const RETRY: Duration = Duration::from_millis(500);
 
-/// Send a G-code program to a machine
-///
-/// The machine is a board at a serial port, or the simulator. The job is run on the virtual machine first,
-/// with the machine's own settings and offsets: a job that would be refused or end in an alarm is not begun,
-/// and the time that is left is known. How far the job is, is kept in FILE.resume until it is done. The exit
-/// status is 1 when the job does not come to its end, or a line was refused.
-///
-/// Keys: h hold, r resume, q stop, t type lines (in a change of the tool), + - 0 feed, f m l rapids, s S spindle, c coolant; Ctrl-C holds, and stops
-/// a job that is held. Where standard input is at its end, nobody can press a key: a program pause or a
-/// change of the tool then ends the job.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask send", styles = ui::STYLES, max_term_width = 100, version)]
-#[command(after_help = ui::AXES)]
-#[command(group = clap::ArgGroup::new("where").required(true).args(["port", "tcp"]))]
-struct Options {
-    /// The program
-    file: PathBuf,
-    /// The serial port of the machine, such as /dev/ttyACM0
-    #[arg(long, value_name = "DEVICE")]
-    port: Option<PathBuf>,
-    /// The TCP address of the machine, such as 127.0.0.1:2323
-    #[arg(long, value_name = "ADDR:PORT")]
-    tcp: Option<String>,
-    /// The baud rate of the serial port
-    #[arg(long, value_name = "BAUD", default_value_t = BAUD, requires = "port")]
-    baud: u32,
-    /// How long to wait for an answer, s
-    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds)]
-    timeout: f64,
-    /// Home the machine first
-    #[arg(long)]
-    home: bool,
-    /// Continue the job that was interrupted, where it is certain that all before has been carried out
-    #[arg(long, conflicts_with = "from")]
-    resume: bool,
-    /// Continue at a line, counted from 1, or at one before it where that is within a contour or a cycle
-    #[arg(long, value_name = "LINE", value_parser = clap::value_parser!(u64).range(1..))]
-    from: Option<u64>,
-    /// Wait for the machine where it has gone or is not there yet, and continue a job that has begun
-    #[arg(long)]
-    wait: bool,
-    /// The machine is where it says, with the right tool: do not ask before a job is continued
-    #[arg(long)]
-    confirmed: bool,
-    /// Send a program of which lines are refused
-    #[arg(long)]
-    despite_refusals: bool,
-    /// How long the spindle gets before the tool goes down where a job is continued, s
-    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds)]
-    spin_up: f64,
-    /// The highest feed at which it goes down, mm/min
-    #[arg(long, value_name = "MM_MIN", default_value_t = 200.0, value_parser = feed)]
-    plunge: f32,
-}
-
 fn main() -> ExitCode {
-    let options = Options::parse();
-    common::main(|| {
-        run(&options).map_err(|error| {
+    common::main(|| match options::read() {
+        Verb::Send(options) => run(&options).map_err(|error| {
             if error.is::<Stopped>() {
                 anyhow!("it was stopped before the job was begun")
             } else {
                 error
             }
-        })
+        }),
+        other => other.refuse(),
     })
-}
-
-/// Reads a time that can be waited for.
-fn seconds(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(seconds) if (0.1..=600.0).contains(&seconds) => Ok(seconds),
-        _ => Err("0.1 to 600 seconds are possible".into()),
-    }
-}
-
-/// Reads a feed.
-fn feed(text: &str) -> Result<f32, String> {
-    match text.parse() {
-        Ok(feed) if (1.0..=100_000.0).contains(&feed) => Ok(feed),
-        _ => Err("1 to 100000 mm/min are possible".into()),
-    }
 }
 
 fn run(options: &Options) -> Result<ExitCode> {

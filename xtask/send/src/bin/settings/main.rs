@@ -13,56 +13,16 @@ use std::{
 
 use anstream::println;
 use anyhow::{Context, Result, ensure};
-use clap::Parser;
-use common::{BAUD, ui};
+use common::options::{self, Settings as Options, Verb};
+use common::ui;
 use grbl_client::{Link, Machine};
 use simulation::settings;
 
-/// Save the settings of a machine, compare them with a file, or load them
-///
-/// The machine is a board at a serial port, or the simulator. A file is any list of settings as a machine
-/// has printed it. --load sends only what differs, one setting at a time, and reads all of it back. The
-/// exit status is 1 when something differs (--diff) or is refused.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask settings", styles = ui::STYLES, max_term_width = 100, version)]
-#[command(after_help = ui::AXES)]
-#[command(group = clap::ArgGroup::new("where").required(true).args(["port", "tcp"]))]
-#[command(group = clap::ArgGroup::new("what").required(true).args(["load", "save", "diff"]))]
-struct Options {
-    /// The serial port of the machine, such as /dev/ttyACM0
-    #[arg(long, value_name = "DEVICE")]
-    port: Option<PathBuf>,
-    /// The TCP address of the machine, such as 127.0.0.1:2323
-    #[arg(long, value_name = "ADDR:PORT")]
-    tcp: Option<String>,
-    /// The baud rate of the serial port
-    #[arg(long, value_name = "BAUD", default_value_t = BAUD, requires = "port")]
-    baud: u32,
-    /// How long to wait for an answer, s
-    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds)]
-    timeout: f64,
-    /// Change the machine's settings to those in a file
-    #[arg(long, value_name = "FILE")]
-    load: Option<PathBuf>,
-    /// Write the machine's settings to a file
-    #[arg(long, value_name = "FILE")]
-    save: Option<PathBuf>,
-    /// List where a file and the machine differ
-    #[arg(long, value_name = "FILE")]
-    diff: Option<PathBuf>,
-}
-
 fn main() -> ExitCode {
-    let options = Options::parse();
-    common::main(|| run(&options))
-}
-
-/// Reads a time that can be waited for.
-fn seconds(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(seconds) if (0.1..=600.0).contains(&seconds) => Ok(seconds),
-        _ => Err("0.1 to 600 seconds are possible".into()),
-    }
+    common::main(|| match options::read() {
+        Verb::Settings(options) => run(&options),
+        other => other.refuse(),
+    })
 }
 
 fn run(options: &Options) -> Result<ExitCode> {

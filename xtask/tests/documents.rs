@@ -4,77 +4,32 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     fmt::Write as _,
     fs,
-    path::Path,
 };
 
-use super::{links::documents, sources};
+use clap::{Command, CommandFactory as _};
+use common::{cargo, options::CommandLine};
 
-/// The options of each command, without `--`.
+/// The options of each command, without `--`; those of its own commands count as its.
 type Commands = BTreeMap<String, BTreeSet<String>>;
 
-/// Options that the command line has without a declaration of a command.
+/// Options that every command has.
 const EVERYWHERE: [&str; 4] = ["axes", "clock", "help", "version"];
 
-/// The texts in quotes of a piece of source.
-fn texts(source: &str) -> Vec<&str> {
-    source.split('"').skip(1).step_by(2).collect()
+/// The options of a command.
+fn options(command: &Command) -> BTreeSet<String> {
+    let own = command
+        .get_arguments()
+        .filter_map(|option| option.get_long());
+    let inner = command.get_subcommands().flat_map(options);
+    own.map(String::from).chain(inner).collect()
 }
 
-/// The names of the commands, each with the first line of its help, in the table of `verb.rs`.
-fn verbs(table: &str) -> Vec<(&str, &str)> {
-    let (_, table) = table.split_once("const VERBS").expect("there is the table");
-    let (table, _) = table.split_once("];").expect("the table has an end");
-    texts(table)
-        .chunks(2)
-        .map(|pair| (pair[0], pair[1]))
-        .collect()
-}
-
-/// The options that the fields of a struct declare with clap, or that a function adds to a command; a
-/// text begins with the one or the other.
-fn options(text: &str) -> BTreeSet<String> {
-    let mut options = BTreeSet::new();
-    let body = text.split("\n}").next().unwrap_or_default();
-    for declaration in body.split("#[arg(").skip(1) {
-        let Some((arguments, field)) = declaration.split_once(")]") else {
-            continue;
-        };
-        let mut arguments = arguments.split(',').map(str::trim);
-        let Some(long) = arguments.find(|argument| argument.starts_with("long")) else {
-            continue;
-        };
-        let named = texts(long).first().map(|name| (*name).to_owned());
-        let field = field.trim_start().split(':').next().unwrap_or_default();
-        let field = field.split_whitespace().last().unwrap_or_default();
-        options.insert(named.unwrap_or_else(|| field.replace('_', "-")));
-    }
-    let built = body.split(".long(\"").skip(1);
-    options.extend(built.filter_map(|name| Some(name.split_once('"')?.0.to_owned())));
-    options
-}
-
-/// The commands with their options: a command's options are in the struct whose description begins
-/// with the first line of its help.
-fn commands(table: &str, sources: &[(String, String)]) -> Commands {
-    let found = |about: &str| {
-        let line = format!("/// {about}\n");
-        let mut declared = sources.iter().filter_map(|(_, source)| {
-            let (_, rest) = source.split_once(&line)?;
-            let derived = rest.split_once("struct Options {");
-            Some(
-                derived
-                    .or_else(|| rest.split_once("fn command() -> Command {"))?
-                    .1,
-            )
-        });
-        declared.next()
-    };
-    verbs(table)
-        .into_iter()
-        .map(|(name, about)| {
-            let text = found(about).unwrap_or_else(|| panic!("no Options describe: {about}"));
-            (name.to_owned(), options(text))
-        })
+/// Every command with its options.
+fn commands() -> Commands {
+    let line = CommandLine::command();
+    let commands = line.get_subcommands();
+    commands
+        .map(|command| (command.get_name().into(), options(command)))
         .collect()
 }
 
@@ -156,15 +111,17 @@ fn missing(document: &str, text: &str, commands: &Commands) -> String {
 
 #[test]
 fn every_command_that_a_document_shows_exists() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let table = fs::read_to_string(root.join("xtask/src/verb.rs")).expect("the table can be read");
-    let commands = commands(&table, &sources(&["xtask", "proof", "tests"]));
+    let commands = commands();
     assert!(commands["sim"].contains("on-target"), "{commands:?}");
-    let missing: String = documents(root)
-        .iter()
-        .map(|document| {
-            let text = fs::read_to_string(root.join(document)).expect("documents can be read");
-            missing(document, &text, &commands)
+    let pages = fs::read_dir(cargo::root().join("docs")).expect("there are documents");
+    let pages = pages.map(|page| page.expect("it can be read").path());
+    let pages = pages.filter(|page| page.extension().is_some_and(|extension| extension == "md"));
+    let top = ["README.md", "CHANGELOG.md", "proof/README.md"].map(|name| cargo::root().join(name));
+    let missing: String = pages
+        .chain(top)
+        .map(|page| {
+            let text = fs::read_to_string(&page).expect("documents can be read");
+            missing(&page.display().to_string(), &text, &commands)
         })
         .collect();
     assert!(missing.is_empty(), "\n{missing}");
@@ -172,27 +129,13 @@ fn every_command_that_a_document_shows_exists() {
 
 #[test]
 fn a_command_or_an_option_that_is_not_there_is_found() {
-    let table = "const VERBS: [Verb; 2] = [verb(\"run\", tools::A, \"Run it\"), \
-                 Verb { name: \"test\", about: \"Test it\", tool: None }];";
-    let run = "/// Run it\n///\n/// Now.\n#[derive(Parser)]\nstruct Options {\n    file: String,\n    \
-               /// Where\n    #[arg(\n        long,\n        value_name = \"N\"\n    )]\n    \
-               pub(crate) step_rate: u32,\n    #[arg(long = \"as\")]\n    other: bool,\n}\n\
-               struct Other {\n    #[arg(long)]\n    not_this: bool,\n}\n";
-    let test = "/// Test it\n#[derive(Parser)]\nstruct Options {\n}\n";
-    let sources = [run, test].map(|source| (String::new(), source.to_owned()));
-    let commands = commands(table, &sources);
-    assert_eq!(
-        commands["run"],
-        ["as", "step-rate"].map(String::from).into()
-    );
-    assert_eq!(commands["test"], BTreeSet::new());
-    let text = "`cargo xtask run FILE --step-rate=5 --as b --axes 4`, `cargo xtask VERB --flag`,\n\
-                `cargo\nxtask trial`, `--as` and `--not-this`\n\
+    let text = "`cargo xtask run FILE --axes 4`, `cargo xtask VERB --flag`,\n\
+                `cargo\nxtask trial`, `--plot` and `--not-this`\n\
                 ```sh\ncargo xtask --axes 4 run a --steps 3   # --never\n\
                 cargo xtask test --as && ls --all\n```\n\
                 | `cargo xtask test`, `cargo xtask run -- --mine` | `--help` |\n";
     assert_eq!(
-        missing("a.md", text, &commands),
+        missing("a.md", text, &commands()),
         "a.md:1: there is no command trial\n\
          a.md:1: no command has an option --not-this\n\
          a.md:5: run has no option --steps\n\
