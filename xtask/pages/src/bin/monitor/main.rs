@@ -47,9 +47,11 @@ fn run(options: &Options) -> Result<ExitCode> {
     let (mut machine, settings) = source::greet(link, &stop)?;
     let name = machine.link.name.clone();
     let (job, path_follower) = rehearse(options, &mut machine)?.unzip();
+    // It may have moved since.
+    machine.report()?;
     let track = Track::new(machine.status, &settings);
     let mut watch = Watch::new((machine.link, track), options.sim, shared.clone());
-    watch.expect(path_follower);
+    watch.begin(path_follower)?;
     let link = options.link.as_deref().map(Pty::at).transpose()?;
     let file = options.file.as_deref().and_then(Path::file_name);
     let title = file.map_or_else(|| name, |name| name.to_string_lossy().into_owned());

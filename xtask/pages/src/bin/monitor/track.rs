@@ -104,7 +104,7 @@ impl Track {
     }
 
     /// What the last report tells, if that is a position. Before an offset has been told, it is taken for 0.
-    fn report(&self) -> Option<Report> {
+    pub(crate) fn report(&self) -> Option<Report> {
         let Status { report, .. } = &self.status;
         let (machine, work) = (self.status.machine_position(), self.status.work_position());
         let machine = machine.or_else(|| work.clone())?;

@@ -78,9 +78,11 @@ impl Watch {
         }
     }
 
-    /// Tells what the machine is going to do, where that is known.
-    pub(crate) fn expect(&mut self, path_follower: Option<PathFollower>) {
+    /// Shows where the machine is now, with what it is going to do, where that is known.
+    pub(crate) fn begin(&mut self, path_follower: Option<PathFollower>) -> Result<()> {
         self.path_follower = path_follower;
+        let report = self.track.report().map(Sighting::Report);
+        report.map_or(Ok(()), |report| self.look(&report, None))
     }
 
     /// Watches until the program has ended, or Ctrl-C.
