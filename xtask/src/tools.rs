@@ -68,6 +68,14 @@ impl Tool {
         Self { package, ..self }
     }
 
+    const fn of_pages(self) -> Self {
+        Self {
+            package: "pages",
+            features: &["commands"],
+            ..self
+        }
+    }
+
     const fn for_any_axes(self) -> Self {
         Self {
             has_axes: false,
@@ -117,7 +125,10 @@ impl Tool {
 }
 
 /// `cargo xtask sim`.
-pub const SIM: Tool = Tool::new("sim", "the simulator", "about a minute");
+pub const SIM: Tool = Tool {
+    features: &["command"],
+    ..Tool::new("sim", "the simulator", "about a minute").of("simulation")
+};
 /// Everything that has to do with a board, emulated or not.
 pub const TARGET: Tool = Tool::new("target", "the tools for boards", "about two minutes")
     .for_any_clock()
@@ -150,16 +161,16 @@ pub const SEND: Tool = Tool::new("send", "the sender", "about a minute");
 pub const SETTINGS: Tool =
     Tool::new("settings", "the tool for settings", "about a minute").of("send");
 /// `cargo xtask monitor`.
-pub const MONITOR: Tool = Tool::new("monitor", "the monitor", "about a minute").of("pages");
+pub const MONITOR: Tool = Tool::new("monitor", "the monitor", "about a minute").of_pages();
 /// `cargo xtask view`.
-pub const VIEW: Tool = Tool::new("view", "the view of jobs", "about a minute").of("pages");
+pub const VIEW: Tool = Tool::new("view", "the view of jobs", "about a minute").of_pages();
 /// `cargo xtask web`.
 pub const WEB: Tool = Tool::new(
     "web",
     "the maker of the page for browsers",
     "about a minute",
 )
-.of("pages");
+.of_pages();
 /// `cargo xtask soak` and `fuzz`: an overflow ends them.
 pub const SOAK: Tool = Tool {
     profile: "checked",
@@ -289,9 +300,10 @@ fn build(tool: Tool, axes: u8) -> Result<PathBuf> {
         "--package",
         tool.package,
     ]);
+    command.arg("--no-default-features");
     command.arg("--target-dir").arg(&folder);
     match tool.target {
-        Some(target) => command.args(["--lib", "--no-default-features", "--target", target]),
+        Some(target) => command.args(["--lib", "--target", target]),
         None if tool.is_library => command.arg("--lib"),
         None => command.args(["--bin", tool.program]),
     };

@@ -5,7 +5,7 @@ use std::{collections::BTreeSet, process::Command};
 #[test]
 fn the_simulator_needs_at_most_sixty_crates_of_others() {
     let output = Command::new(env!("CARGO"))
-        .args(["tree", "--package", "xtask", "--package", "sim"])
+        .args(["tree", "--package", "xtask", "--package", "simulation"])
         .args(["--edges", "normal,build", "--prefix", "none", "--offline"])
         .output()
         .expect("cargo runs");
