@@ -362,3 +362,38 @@ fn a_reset_ends_a_break_that_has_held_nothing_yet() {
     assert_eq!((machine.state(), machine.x()), (State::Idle, 500));
     assert!(!machine.answers().contains(&MESSAGE.to_owned()));
 }
+
+#[test]
+fn a_break_in_an_alarm_holds_the_move_that_waits_behind_its_unlocking() {
+    let mut machine = Machine::doing("G1X100F6000\n");
+    machine.run(300 * MS);
+    machine.simulator.receive(0x18);
+    machine.run(MS);
+    machine.send("$X\nG1X0F600\n");
+    assert_eq!(machine.state(), State::Alarm);
+    // The drivers wait longer after a motion that was cut off than a break lasts.
+    machine.make_break(50);
+    machine.run(5000 * MS);
+    assert_eq!(machine.state(), State::HoldComplete);
+    let held = machine.x();
+    let told = machine.answers();
+    assert!(told.contains(&MESSAGE.to_owned()), "{told:?}");
+    machine.send("~");
+    machine.run(60_000 * MS);
+    assert_eq!(machine.state(), State::Idle);
+    assert!(machine.x() < held);
+}
+
+#[test]
+fn a_break_in_an_alarm_ends_with_the_lines_that_wait_and_holds_none_that_comes_later() {
+    let mut machine = Machine::doing("G1X100F6000\n");
+    machine.simulator.receive(0x18);
+    machine.run(MS);
+    machine.send("G1X0F600\n");
+    machine.make_break(50);
+    machine.run(1000 * MS);
+    machine.send("\n$X\nG1X1F600\n");
+    machine.run(60_000 * MS);
+    assert_eq!(machine.state(), State::Idle);
+    assert!(!machine.answers().contains(&MESSAGE.to_owned()));
+}
