@@ -11,7 +11,7 @@ use leadscrew::{
 };
 use proptest::prelude::*;
 
-use crate::support::{after, send};
+use crate::support::{after, send, um};
 
 /// Does a line in one go, if it is plain; else returns the plain words that it begins with.
 fn plain(
@@ -107,6 +107,25 @@ fn any_line() -> impl Strategy<Value = String> {
         1 => "G[0-9]{1,2}(\\.[0-9])?",
     ];
     (motion, prop::collection::vec(word, 0..6)).prop_map(|(motion, words)| motion + &words.concat())
+}
+
+#[test]
+fn an_increment_counts_in_single_precision_from_where_the_position_was_set() {
+    let settings = Settings::default();
+    let mut set = after(&["G91G1X5Y5F100"]);
+    set.set_position(um(12_300, -700, 0));
+    for [x, y] in [["X0.002", "Y0.002"], ["X-1.7", "Y0.3"]] {
+        let ways: [fn(&mut Interpreter, &str, &Settings) -> Outcome; 2] = [
+            |machine, line, settings| plain(machine, line, settings).unwrap().1,
+            |machine, line, _| send(machine, line).unwrap(),
+        ];
+        let number = |word: &str| word[1..].parse::<f32>().unwrap();
+        let expected = [12.3 + number(x), -0.7 + number(y)].map(f32::to_bits);
+        for way in ways {
+            let outcome = way(&mut set.clone(), &format!("{x}{y}"), &settings);
+            assert_eq!(single_mm(&outcome)[..2], expected, "{x}{y}");
+        }
+    }
 }
 
 #[test]

@@ -2,9 +2,9 @@
 //! modes stay true.
 
 use leadscrew::{
-    axis::Z,
+    axis::{X, Z},
     model::{Levels, State},
-    units::TICKS_PER_MS,
+    units::{Nm, TICKS_PER_MS},
 };
 
 use super::{machine::Machine, stages::Disturbed};
@@ -143,4 +143,30 @@ fn a_sender_that_leaves_the_machine_standing_in_a_contour_is_told_so_once_after_
     }
     assert_eq!(machine.simulator.physical_steps(), end);
     machine.assert_true("the end");
+}
+
+/// Repeats lines that end before a motion: the program and the path go on from the same place each time.
+fn stay_together(lines: &[&str]) {
+    let mut machine = Machine::new();
+    machine.execute("G91F3000", None);
+    for turn in 1..=40 {
+        for line in lines {
+            let answers = machine.execute(line, None);
+            assert_eq!(answers.last().map(String::as_str), Some("ok"), "{line}");
+        }
+        machine.rest();
+        machine.assert_true(&format!("turn {turn} of {lines:?}"));
+    }
+    let position = machine.simulator.session().interpreter().position();
+    assert_eq!(position[X], Nm(-40 * 260_000));
+}
+
+#[test]
+fn an_alarm_before_a_probing_move_leaves_program_and_path_together() {
+    stay_together(&["G1X-0.26", "G38.4Z-1", "$X"]);
+}
+
+#[test]
+fn unlocking_in_compensation_leaves_program_and_path_together() {
+    stay_together(&["G1X-0.26", "G41.1D1.5G1Y-3", "$X"]);
 }

@@ -378,7 +378,7 @@ impl Session {
             None
         } else if self.line.checked.probing().is_some() {
             self.probing.has_ended = false;
-            self.probing.start = (from, self.router.checkpoint());
+            self.probing.start = from;
             Some(AfterCommands::Probe)
         } else {
             // Outputs that switch at standstill have switched when the answer comes.
