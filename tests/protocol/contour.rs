@@ -156,9 +156,9 @@ fn stay_together(lines: &[&str]) {
         }
         machine.rest();
         machine.assert_true(&format!("turn {turn} of {lines:?}"));
+        let position = machine.simulator.session().interpreter().position();
+        assert_eq!(position[X], Nm(-turn * 260_000), "{lines:?}");
     }
-    let position = machine.simulator.session().interpreter().position();
-    assert_eq!(position[X], Nm(-40 * 260_000));
 }
 
 #[test]

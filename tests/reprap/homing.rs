@@ -226,3 +226,15 @@ fn grbls_dialect_refuses_every_line_before_homing() {
         assert_eq!(host.ask(line), ["error:9"], "{line}");
     }
 }
+
+#[test]
+fn the_next_report_tells_the_work_offset_of_homing() {
+    let mut host = Host::with(&FRAME);
+    for report in 0..5 {
+        let told = host.ask("?").join(" ");
+        assert_eq!(told.contains("WCO:"), report == 0, "{told}");
+    }
+    host.ask("G28");
+    let told = host.ask("?").join(" ");
+    assert!(told.contains("WCO:-100.000,-100.000,-100.000"), "{told}");
+}

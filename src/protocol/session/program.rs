@@ -342,6 +342,11 @@ impl Session {
     /// Sends the commands of a line that began at a position, unless it leaves the travel.
     fn send(&mut self, from: Axes<Nm>, links: &mut Links<'_, '_>) -> Progress {
         let machine = links.machine;
+        let is_checking = machine.state == State::Check;
+        let ends_program = self.line.outcome.message == Some(Message::ProgramEnd);
+        if self.line.outcome.shows_offset && !(is_checking && ends_program) {
+            self.reports.cadence.offset_changed();
+        }
         let waits = self.waits_behind_move();
         let is_compensated = self.line.checked.follows_contour() || self.compensator.has_plan();
         self.line.is_compensated = is_compensated;
@@ -354,11 +359,6 @@ impl Session {
         let is_move = |command: &Command| matches!(command, Command::Line { .. });
         let drilling = self.line.outcome.commands.iter().position(is_move);
         self.line.drilling = drilling.filter(|_| self.line.checked.drills());
-        let is_checking = machine.state == State::Check;
-        let ends_program = self.line.outcome.message == Some(Message::ProgramEnd);
-        if self.line.outcome.shows_offset && !(is_checking && ends_program) {
-            self.reports.cadence.offset_changed();
-        }
         match self.line.outcome.message {
             Some(Message::EmptyToolTable) => {
                 report::feedback(&mut self.reports.message, Feedback::EmptyToolTable);
