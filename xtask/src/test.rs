@@ -131,15 +131,7 @@ fn checks() -> Result<Vec<Check>> {
             wait(&mut cargo(&["test", "--workspace", "--no-fail-fast"]))
         }),
     ];
-    checks.push(plain("a day in virtual time", || {
-        wait(&mut cargo(&[
-            "test",
-            "--profile",
-            "tools",
-            "--test",
-            "endurance",
-        ]))
-    }));
+    checks.push(by(tools::SOAK, "a day in virtual time", &["--day"]));
     checks.extend(with_features());
     checks.extend(boards.iter().cloned().map(|board| {
         let name = format!("lints, {}", board.name);
