@@ -6,6 +6,7 @@ mod answers;
 mod bench;
 mod day;
 mod fuzz;
+mod inserted;
 mod outputs;
 #[path = "../../../tests/support/pulses.rs"]
 mod pulses;
@@ -32,8 +33,9 @@ use search::{Done, Until};
 ///
 /// Lines of all codes, realtime bytes, contacts, damaged bytes, breaks, settings that are stored, and losses of
 /// power come at random times. Every pulse has its width and its distance, no axis is faster than it may be or
-/// leaves its travel, a break holds what runs, each line is answered once, each `?` in time, the machine is where
-/// it believes to be, and what was stored before power was lost is there afterwards.
+/// leaves its travel, spindle, laser and coolant are on where they may and off where they must, a break holds what
+/// runs, each line is answered once and in known words, each `?` in time, a sender always knows the work offset, the
+/// machine is where it believes to be, and what was stored before power was lost is there afterwards.
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask soak", styles = ui::STYLES, max_term_width = 100, version)]
 #[command(after_help = ui::AXES)]
@@ -53,6 +55,9 @@ struct Options {
     /// Instead, a day of work of one machine, in which nothing is refused
     #[arg(long, conflicts_with_all = ["seconds", "machine_hours", "histories"])]
     day: bool,
+    /// Insert the faults of `tests/soak_faults.toml` into copies of the sources, and look whether each is found
+    #[arg(long, conflicts_with_all = ["machine_hours", "histories", "day"])]
+    faults: bool,
 }
 
 fn main() -> ExitCode {
@@ -73,6 +78,9 @@ const FIRST: u64 = 50;
 fn run(options: &Options) -> Result<ExitCode> {
     if options.day {
         return run_day(options.seed);
+    }
+    if options.faults {
+        return inserted::run(options.seed, options.seconds);
     }
     let until = match (options.machine_hours, options.histories) {
         (Some(hours), _) => Until::MachineHours(hours),
@@ -104,7 +112,8 @@ fn run(options: &Options) -> Result<ExitCode> {
         }
     };
     ensure_no_growth(memory, GROWTH_KIB)?;
-    ui::status("Soaked", &figures(&done));
+    let seeded = format!("from seed {}: {}", options.seed, figures(&done));
+    ui::status("Soaked", &seeded);
     Ok(ExitCode::SUCCESS)
 }
 
