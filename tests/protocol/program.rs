@@ -215,8 +215,8 @@ fn a_line_that_leaves_the_travel_tells_the_work_offset_that_it_has_changed() {
     machine.rest();
     let told = machine.lines();
     assert!(told.contains(&"ALARM:2".to_owned()), "{told:?}");
-    let offset = told.iter().filter_map(|line| line.split_once("WCO:"));
-    let last = offset.last().map(|(_, offset)| offset);
+    let mut offsets = told.iter().filter_map(|line| line.split_once("WCO:"));
+    let last = offsets.next_back().map(|(_, offset)| offset);
     let zeros = ",0.000".repeat(AXES - 1);
     assert_eq!(last, Some(&*format!("6.000{zeros}>")), "{told:?}");
 }

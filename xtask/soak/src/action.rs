@@ -137,7 +137,6 @@ fn host_line() -> impl Strategy<Value = String> {
             "M204 S200",
             "M400",
             "M117 Done!",
-            "M118 E1 hello ok",
             "M0 S1",
             "M84",
             "M503",
@@ -163,7 +162,7 @@ fn line() -> impl Strategy<Value = String> {
         2 => host_line(),
         12 => any_line(),
         3 => storing_line(),
-        3 => switching_line(),
+        6 => switching_line(),
         1 => prop::sample::select(&["$H", "$HX", "$C", "$X", "$", "$$", "$+", "$I+", "$RST=#", "G28.1", "G30.1", "G10L20P2X1"][..])
             .prop_map(str::to_owned),
     ]

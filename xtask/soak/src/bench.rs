@@ -232,6 +232,13 @@ impl Bench {
                 self.send_damaged(text, *byte, |_| WireByte::Damaged);
             }
             Action::Break(ms) => self.make_break(u64::from(*ms) * MILLISECOND),
+            // Text in a full queue would be lost.
+            Action::Byte(byte)
+                if self.setup.fills_queue
+                    && !matches!(byte, 0x18 | b'?' | b'!' | b'~' | 0x80..) =>
+            {
+                self.line.push_back(WireByte::Byte(*byte));
+            }
             Action::Byte(byte) => self.urgent.push_back(*byte),
             Action::Close(contact) => self.hold(self.closed | contact.input()),
             Action::Open(contact) => self.hold(self.closed & !contact.input()),
@@ -431,7 +438,7 @@ impl Bench {
             };
             if is_answered {
                 self.welcomes = 0;
-                outputs::check_at_rest(&self.simulator, &self.outputs(), self.is_alarm_of_probe);
+                outputs::check_at_rest(&self.simulator, self.outputs(), self.is_alarm_of_probe);
                 return true;
             }
             if self.setup.is_reprap {
@@ -476,7 +483,7 @@ impl Bench {
     /// What must be off in a state is off, at the end of the segment being played at the latest.
     fn check_state(&mut self) {
         let now = self.simulator.now();
-        match outputs::on_in_state(&self.simulator, &self.outputs()) {
+        match outputs::on_in_state(&self.simulator, self.outputs()) {
             Some(rule) => {
                 let since = *self.on_since.get_or_insert(now);
                 assert!(now - since <= OFF_TICKS, "{rule}: {:?}", self.outputs());

@@ -169,7 +169,7 @@ mod tests {
     fn some_minutes_of_work_pass_without_a_refusal() {
         let mut last = None;
         work(1, 0.1, StepRate::Proven(190_000), |worked| {
-            last = Some(*worked)
+            last = Some(*worked);
         });
         let worked = last.expect("a program has ended");
         assert!(worked.seconds >= 360.0 && worked.lines > 20, "{worked:?}");

@@ -19,7 +19,7 @@ pub(crate) fn check_edge(edge: &Edge, simulator: &Simulator) {
 }
 
 /// What must be off in the state of the machine, and is on.
-pub(crate) fn on_in_state(simulator: &Simulator, outputs: &Outputs) -> Option<&'static str> {
+pub(crate) fn on_in_state(simulator: &Simulator, outputs: Outputs) -> Option<&'static str> {
     let is_off = outputs.duty == 0 && outputs.spindle == Spindle::Off;
     match simulator.snapshot().state {
         State::DoorAjar | State::DoorClosed | State::Sleep => {
@@ -35,7 +35,7 @@ pub(crate) fn on_in_state(simulator: &Simulator, outputs: &Outputs) -> Option<&'
 
 /// Panics if a machine at rest, whose lines are all answered, has not switched what is programmed. In an alarm
 /// `stays_on` tells whether it is one that switches nothing off.
-pub(crate) fn check_at_rest(simulator: &Simulator, outputs: &Outputs, stays_on: bool) {
+pub(crate) fn check_at_rest(simulator: &Simulator, outputs: Outputs, stays_on: bool) {
     let snapshot = simulator.snapshot();
     match snapshot.state {
         State::Idle => check_programmed(simulator, outputs),
@@ -50,7 +50,7 @@ pub(crate) fn check_at_rest(simulator: &Simulator, outputs: &Outputs, stays_on: 
     }
 }
 
-fn check_programmed(simulator: &Simulator, outputs: &Outputs) {
+fn check_programmed(simulator: &Simulator, outputs: Outputs) {
     let session = simulator.session();
     let (settings, modal) = (session.settings(), session.interpreter().modal());
     // What is programmed behind a compensated move waits with it.

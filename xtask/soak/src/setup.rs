@@ -237,16 +237,10 @@ impl Setup {
     fn settings(self, step_rate: StepRate) -> Settings {
         let mut settings = Settings::new(step_rate);
         for axis in 0..AXES {
+            let most = 60.0 * settings.greatest_step_rate_hz() / self.resolution(axis) as f32;
             for assignment in [
                 format!("10{axis}={}", self.resolution(axis)),
-                format!(
-                    "11{axis}={}",
-                    if self.resolution(axis) > 400 {
-                        3000
-                    } else {
-                        6000
-                    }
-                ),
+                format!("11{axis}={}", most.min(6000.0).floor()),
                 format!("12{axis}=500"),
                 format!("13{axis}={TRAVEL_MM}"),
             ] {
