@@ -14,6 +14,7 @@ use leadscrew::{
         Levels, Outputs, Spindle, State,
         queues::{RECEIVED_RING, SENT_RING},
     },
+    protocol::MESSAGE_BYTES,
     settings::{StepRate, Stored, ToolTable},
     sim::{Edge, Simulator},
     units::{TICKS_PER_MS, TICKS_PER_SECOND},
@@ -37,8 +38,9 @@ const WINDOW: usize = 127;
 const OPERATOR_LINES: u8 = 0xa3;
 /// Alarms that leave spindle and coolant on, as in Grbl.
 const PROBE_ALARMS: [&str; 2] = ["ALARM:4", "ALARM:5"];
-/// From a `?` to the first byte of its report: 5 ms, and what waits to be sent before it.
-const PROMPT_TICKS: u64 = 5 * MILLISECOND + SENT_RING as u64 * BYTE_TICKS;
+/// From a `?` to the first byte of its report: 5 ms, and what waits to be sent before it, with a message for which the
+/// queue has no room yet.
+const PROMPT_TICKS: u64 = 5 * MILLISECOND + (SENT_RING + MESSAGE_BYTES) as u64 * BYTE_TICKS;
 /// How long something may run on in a break: 40 ms behind the report that waits at its beginning.
 const MAX_BREAK_RESPONSE_TICKS: u64 = PROMPT_TICKS + 42 * MILLISECOND;
 /// How long something may stay on in a state in which it must be off.
