@@ -72,8 +72,13 @@ impl Accessories {
         }
     }
 
-    /// Applies `$30`, `$31` and `$32`.
+    /// Applies `$30`, `$31` and `$32`. Another laser mode switches the spindle off: what is on means something else
+    /// in it, and a laser would burn at rest.
     pub fn configure(&mut self, settings: &Settings) {
+        if self.is_laser != settings.laser && self.spindle != Spindle::Off {
+            self.stop = SpindleStop::None;
+            self.set_spindle(Spindle::Off, 0.0);
+        }
         self.min_rpm = settings.spindle_min_rpm;
         self.max_rpm = settings.spindle_max_rpm;
         self.is_laser = settings.laser;

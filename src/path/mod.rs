@@ -17,6 +17,6 @@ pub use block::{Block, Curve, MoveKind, Shape, SpatialArc};
 pub use compensation::{Compensator, Misfit};
 pub use entry::{Entry, Work};
 pub(crate) use router::Limits;
-pub use router::{Checkpoint, Router};
+pub use router::Router;
 pub use tilted_arc::TiltedArc;
 pub use travel_limits::{is_outside, leaves_travel};

@@ -38,8 +38,8 @@ const MAX_ROTARY_PER_MM: f32 = 1.0e3;
 const MAX_ROTARY_PER_FEED_MM: f32 = 1.0e6;
 
 /// Where a router's last command and last block ended.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Checkpoint {
+#[derive(Debug, Default)]
+struct LastEnd {
     /// End of the last command.
     position: Axes<Nm>,
     /// End of the last block, as a coordinate and in steps.
@@ -57,7 +57,7 @@ pub struct Checkpoint {
 pub struct Router {
     settings: Settings,
     limits: Limits,
-    at: Checkpoint,
+    at: LastEnd,
     /// State of the laser in the moves to come.
     laser: Laser,
     /// The moves to come end at a standstill (`G61.1`), and the last block does.
@@ -95,7 +95,7 @@ impl Router {
         Self {
             settings: *settings,
             limits: Limits::new(settings),
-            at: Checkpoint::default(),
+            at: LastEnd::default(),
             laser: Laser::None,
             is_exact_stop: false,
             ended_in_exact_stop: false,
@@ -128,13 +128,8 @@ impl Router {
 
     /// Returns the end of the last command.
     #[must_use]
-    pub fn checkpoint(&self) -> Checkpoint {
-        self.at
-    }
-
-    /// Returns to a checkpoint: the machine has begun no command since.
-    pub fn restore(&mut self, checkpoint: &Checkpoint) {
-        self.at = *checkpoint;
+    pub fn position(&self) -> Axes<Nm> {
+        self.at.position
     }
 
     /// Returns the distance of the end of the last block from a place in a straight line over the linear
@@ -313,7 +308,7 @@ impl Router {
             curve: geometry.curve,
             line,
         };
-        self.at = Checkpoint {
+        self.at = LastEnd {
             position: target,
             block_end: target,
             fine: end.fine,

@@ -45,7 +45,7 @@ use crate::{
     },
     machine::Snapshot,
     model::{Awaited, Probed, Requests, ResetCause, SelfTestFault, queues::ENTRY_RING},
-    path::{Blender, Checkpoint, Compensator, Entry, Router, TiltedArc},
+    path::{Blender, Compensator, Entry, Router, TiltedArc},
     settings::{Change, Settings, StoreError, Stored, ToolTable, WaitingChanges},
     units::Nm,
 };
@@ -185,7 +185,7 @@ struct ProbeRecord {
     /// What was reported last.
     reported: Probed,
     /// Where the move in execution began.
-    start: (Axes<Nm>, Checkpoint),
+    start: Axes<Nm>,
     /// Whether the move in execution has ended.
     has_ended: bool,
 }

@@ -110,6 +110,25 @@ fn any_line() -> impl Strategy<Value = String> {
 }
 
 #[test]
+fn an_increment_counts_in_single_precision_from_where_the_position_was_set() {
+    let settings = Settings::default();
+    let mut set = after(&["G91G1X5Y5F100"]);
+    set.set_position(um(12_300, -700, 0));
+    for [x, y] in [["X0.002", "Y0.002"], ["X-1.7", "Y0.3"]] {
+        let ways: [fn(&mut Interpreter, &str, &Settings) -> Outcome; 2] = [
+            |machine, line, settings| plain(machine, line, settings).unwrap().1,
+            |machine, line, _| send(machine, line).unwrap(),
+        ];
+        let number = |word: &str| word[1..].parse::<f32>().unwrap();
+        let expected = [12.3 + number(x), -0.7 + number(y)].map(f32::to_bits);
+        for way in ways {
+            let outcome = way(&mut set.clone(), &format!("{x}{y}"), &settings);
+            assert_eq!(single_mm(&outcome)[..2], expected, "{x}{y}");
+        }
+    }
+}
+
+#[test]
 fn straight_moves_are_plain_and_nothing_else_is() {
     let is_plain =
         |before: &[&str], line: &str| plain(&mut after(before), line, &Settings::default()).is_ok();

@@ -287,3 +287,34 @@ fn a_reset_ends_a_break_that_has_held_nothing_yet() {
     assert_eq!((machine.state(), x(&machine)), (State::Idle, 500));
     assert!(!machine.lines().contains(&MESSAGE.to_owned()));
 }
+
+#[test]
+fn a_break_in_an_alarm_holds_the_move_that_waits_behind_its_unlocking() {
+    let mut machine = machine_at("G1X100F6000\n");
+    machine.run(200);
+    machine.send_for([0x18], 1);
+    machine.send("$X\nG1X0F600\n");
+    assert_eq!(machine.state(), State::Alarm);
+    // The drivers wait longer after a motion that was cut off than a break lasts.
+    make_break(&mut machine, 50);
+    machine.run(5000);
+    assert_eq!(machine.state(), State::HoldComplete);
+    let held = x(&machine);
+    let received = machine.lines();
+    assert!(received.contains(&MESSAGE.to_owned()), "{received:?}");
+    machine.send_for("~", 60_000);
+    assert_eq!(machine.state(), State::Idle);
+    assert!(x(&machine) < held);
+}
+
+#[test]
+fn a_break_in_an_alarm_ends_with_the_lines_that_wait_and_holds_none_that_comes_later() {
+    let mut machine = machine_at("G1X100F6000\n");
+    machine.send_for([0x18], 1);
+    machine.send("G1X0F600\n");
+    make_break(&mut machine, 50);
+    machine.run(1000);
+    machine.send_for("\n$X\nG1X1F600\n", 60_000);
+    assert_eq!(machine.state(), State::Idle);
+    assert!(!machine.lines().contains(&MESSAGE.to_owned()));
+}

@@ -2,12 +2,13 @@
 //! modes stay true.
 
 use leadscrew::{
-    axis::Z,
+    axis::{X, Z},
     model::{Levels, State},
+    units::Nm,
 };
 
 use super::{
-    machine::{assert_true, execute},
+    machine::{assert_true, execute, limited},
     stages::Disturbed,
     support::{MS, Machine},
 };
@@ -144,4 +145,30 @@ fn a_sender_that_leaves_the_machine_standing_in_a_contour_is_told_so_once_after_
     }
     assert_eq!(machine.physical_steps(), end);
     assert_true(&machine, "the end");
+}
+
+/// Repeats lines that end before a motion: the program and the path go on from the same place each time.
+fn stay_together(lines: &[&str]) {
+    let mut machine = limited();
+    execute(&mut machine, "G91F3000");
+    for turn in 1..=40 {
+        for line in lines {
+            let answers = execute(&mut machine, line);
+            assert_eq!(answers.last().map(String::as_str), Some("ok"), "{line}");
+        }
+        machine.run_to_rest();
+        assert_true(&machine, &format!("turn {turn} of {lines:?}"));
+        let position = machine.session().interpreter().position();
+        assert_eq!(position[X], Nm(-turn * 260_000), "{lines:?}");
+    }
+}
+
+#[test]
+fn an_alarm_before_a_probing_move_leaves_program_and_path_together() {
+    stay_together(&["G1X-0.26", "G38.4Z-1", "$X"]);
+}
+
+#[test]
+fn unlocking_in_compensation_leaves_program_and_path_together() {
+    stay_together(&["G1X-0.26", "G41.1D1.5G1Y-3", "$X"]);
 }

@@ -1,11 +1,15 @@
 //! Lines of G-code: probing, laser, soft limits, alarms.
 
 use leadscrew::{
+    axis::AXES,
     model::{Alarm, Laser, Notice, Spindle, State},
     path::Work,
 };
 
-use super::bench::{Bench, UNLOCK, WELCOME};
+use super::{
+    bench::{Bench, UNLOCK, WELCOME},
+    machine::{execute, limited},
+};
 
 #[test]
 fn a_probing_move_is_answered_with_its_contact() {
@@ -197,6 +201,44 @@ fn constant_laser_power_is_switched_at_standstill_where_no_move_carries_it() {
         laser(&["M3S500", "G1X0F100"]),
         ["Clockwise 0", "Clockwise 500"]
     );
+}
+
+#[test]
+fn a_line_that_leaves_the_travel_tells_the_work_offset_that_it_has_changed() {
+    let mut machine = limited();
+    execute(&mut machine, "G10L2P2X6");
+    let mut received = machine.answers_to("?");
+    received.extend(machine.answers_to("G55G0X-5\n?"));
+    received.extend(machine.answers_to("?"));
+    assert!(received.contains(&"ALARM:2".to_owned()), "{received:?}");
+    let mut offsets = received.iter().filter_map(|line| line.split_once("WCO:"));
+    let last = offsets.next_back().map(|(_, offset)| offset);
+    let zeros = ",0.000".repeat(AXES - 1);
+    assert_eq!(last, Some(&*format!("6.000{zeros}>")), "{received:?}");
+}
+
+#[test]
+fn another_laser_mode_switches_the_spindle_off() {
+    let mut machine = limited();
+    for (before, change, stays) in [
+        ("M4S1000", "$32=0", true),
+        ("M4S1000", "$32=1", false),
+        ("M3S800", "$32=1", true),
+        ("M3S800", "$32=0", false),
+    ] {
+        execute(&mut machine, before);
+        execute(&mut machine, change);
+        machine.run_to_rest();
+        let outputs = machine.outputs();
+        let is_off = (outputs.spindle, outputs.duty) == (Spindle::Off, 0);
+        // In laser mode `M3` is dark up to the first feed move.
+        assert!(
+            is_off != (stays && change == "$32=0"),
+            "{before} {change}: {outputs:?}"
+        );
+        let modes = execute(&mut machine, "$G").join(" ");
+        assert_eq!(!modes.contains(" M5 "), stays, "{before} {change}: {modes}");
+    }
 }
 
 #[test]

@@ -222,3 +222,16 @@ fn grbls_dialect_refuses_every_line_before_homing() {
         assert_eq!(machine.ask(line), ["error:9"], "{line}");
     }
 }
+
+#[test]
+fn the_next_report_tells_the_work_offset_of_homing() {
+    let mut machine = reprap_with(&FRAME);
+    for turn in 0..5 {
+        let report = machine.report();
+        assert_eq!(report.field("WCO").is_some(), turn == 0, "{report:?}");
+    }
+    machine.ask("G28");
+    let report = machine.report();
+    let offset = report.field("WCO").expect("it is told");
+    assert!(offset.starts_with("-100.000,-100.000,-100.000"), "{offset}");
+}

@@ -134,6 +134,7 @@ fn rest() -> Result<Vec<Check>> {
             let mut command = cargo(&["test", "--workspace", "--no-fail-fast"]);
             wait(command.args(["--exclude=leadscrew", "--exclude=tests"]))
         }),
+        by(tools::SOAK, "a day in virtual time", &["soak", "--day"]),
     ];
     checks.extend(with_features());
     for board in WHOLE {

@@ -363,9 +363,14 @@ impl Interpreter {
         }
     }
 
+    /// The spindle has been switched off; the other modes stay.
+    pub fn switch_spindle_off(&mut self) {
+        self.modal.spindle = Spindle::Off;
+    }
+
     /// Spindle and coolant have been switched off; the other modes stay.
     pub fn switch_off(&mut self) {
-        self.modal.spindle = Spindle::Off;
+        self.switch_spindle_off();
         self.modal.coolant = Coolant::default();
     }
 

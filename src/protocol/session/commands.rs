@@ -16,8 +16,7 @@ impl Session {
     /// Ends the lock of an alarm, once the machine stands still, and compensation in any state.
     pub(super) fn unlock(&mut self, links: &mut Links<'_, '_>) -> Progress {
         if links.machine.state != State::Alarm {
-            self.cancel_compensation();
-            return self.accept();
+            return self.end_compensation(links.machine);
         }
         if links.machine.failed_self_test {
             return self.refuse(LineError::Locked);

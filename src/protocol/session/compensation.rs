@@ -79,6 +79,20 @@ impl Session {
         self.reports.has_reported_wait = false;
     }
 
+    /// Ends compensation at standstill where the last move has led, and answers.
+    pub(super) fn end_compensation(&mut self, machine: &Snapshot) -> Progress {
+        if self.interpreter.is_compensating() || self.interpreter.is_beside_path() {
+            if !self.is_done(machine) {
+                return self.await_standstill();
+            }
+            self.cancel_compensation();
+            // Nothing has been dropped: `prepare` goes on from the exact end, and not from the whole steps.
+            self.interpreter.set_position(self.router.position());
+            self.machine_sync.is_position_known = true;
+        }
+        self.accept()
+    }
+
     /// Checks a jog. After `G40` it begins where the cutter is, unless it is refused.
     ///
     /// # Errors

@@ -186,6 +186,7 @@ impl Session {
             position[axis] + Nm::from_mm_f64(f64::from(settings.max_travel_mm[axis]))
         });
         self.interpreter.place(mask, &work);
+        self.reports.cadence.offset_changed();
         self.accept()
     }
 

@@ -400,6 +400,9 @@ impl Session {
         if settings.steps_per_mm != previous.steps_per_mm || settings.core_xy != previous.core_xy {
             self.interpreter.set_position(position);
         }
+        if settings.laser != previous.laser {
+            self.interpreter.switch_spindle_off();
+        }
         self.send_work(Work::Configure(settings), links);
     }
 

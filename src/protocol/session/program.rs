@@ -69,8 +69,8 @@ impl Session {
     }
 
     /// After a break on the line, ends a jog, holds what runs or waits, as `!` does, and lets a pause that would end by
-    /// itself wait for the operator. What cannot be held ends first: a homing cycle, the way back behind a door, and a
-    /// jog or a motion that is being stopped.
+    /// itself wait for the operator. What cannot be held ends first: a homing cycle, the way back behind a door, a jog
+    /// or a motion that is being stopped, and an alarm as long as lines wait in it.
     ///
     /// At Idle `!` holds, too, but a break with nothing to hold does not: adapters make one when a port is opened or a
     /// board is plugged in, and a machine that nobody has moved must not want a `~` first. Nor does it end a wait for
@@ -80,9 +80,12 @@ impl Session {
     pub(super) fn hold_after_break(&mut self, links: &Links<'_, '_>) {
         let machine = links.machine;
         let is_jog_ended = self.machine_sync.line_break == LineBreak::JogEnded;
+        let waits = links.received.may_have_line() || self.is_line_going_on();
         let has_its_end_first = match machine.state {
             State::Home | State::DoorRestoring => true,
             State::Jog => is_jog_ended,
+            // What waits may unlock the machine, and then move it.
+            State::Alarm => waits,
             _ => false,
         };
         if has_its_end_first || self.machine_sync.is_cancelled(machine) || self.is_restarting_host()
@@ -91,7 +94,7 @@ impl Session {
         }
         let has_work = !self.is_done(machine) || links.received.may_have_line();
         let holds = match machine.state {
-            State::Idle | State::Run => has_work || self.is_line_going_on(),
+            State::Idle | State::Run => has_work || waits,
             State::Jog | State::Tool => has_work,
             _ => false,
         };
@@ -339,6 +342,11 @@ impl Session {
     /// Sends the commands of a line that began at a position, unless it leaves the travel.
     fn send(&mut self, from: Axes<Nm>, links: &mut Links<'_, '_>) -> Progress {
         let machine = links.machine;
+        let is_checking = machine.state == State::Check;
+        let ends_program = self.line.outcome.message == Some(Message::ProgramEnd);
+        if self.line.outcome.shows_offset && !(is_checking && ends_program) {
+            self.reports.cadence.offset_changed();
+        }
         let waits = self.waits_behind_move();
         let is_compensated = self.line.checked.follows_contour() || self.compensator.has_plan();
         self.line.is_compensated = is_compensated;
@@ -351,11 +359,6 @@ impl Session {
         let is_move = |command: &Command| matches!(command, Command::Line { .. });
         let drilling = self.line.outcome.commands.iter().position(is_move);
         self.line.drilling = drilling.filter(|_| self.line.checked.drills());
-        let is_checking = machine.state == State::Check;
-        let ends_program = self.line.outcome.message == Some(Message::ProgramEnd);
-        if self.line.outcome.shows_offset && !(is_checking && ends_program) {
-            self.reports.cadence.offset_changed();
-        }
         match self.line.outcome.message {
             Some(Message::EmptyToolTable) => {
                 report::feedback(&mut self.reports.message, Feedback::EmptyToolTable);
@@ -375,7 +378,7 @@ impl Session {
             None
         } else if self.line.checked.probing().is_some() {
             self.probing.has_ended = false;
-            self.probing.start = (from, self.router.checkpoint());
+            self.probing.start = from;
             Some(AfterCommands::Probe)
         } else {
             // Outputs that switch at standstill have switched when the answer comes.

@@ -241,14 +241,11 @@ impl Session {
     /// Sets the position after a probing move: the position of the machine; the target, after a miss;
     /// or the start, if the move has not been begun.
     fn end_probing(&mut self, machine: &Snapshot) {
-        if !self.probing.has_ended {
-            let (position, checkpoint) = &self.probing.start;
-            self.interpreter.set_position(*position);
-            self.router.restore(checkpoint);
-            return;
-        }
+        // `prepare` goes on from whole steps, also where its alarm has dropped the move.
         let position = self.router.set_steps(machine.steps);
-        if machine.probed.success {
+        if !self.probing.has_ended {
+            self.interpreter.set_position(self.probing.start);
+        } else if machine.probed.success {
             self.interpreter.set_position(position);
         }
     }

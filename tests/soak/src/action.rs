@@ -10,6 +10,10 @@ use crate::random_lines::any_line;
 pub(crate) enum Action {
     /// The sender sends a line.
     Line(String),
+    /// It sends a line several times.
+    Lines(String, u8),
+    /// It asks for reports: how many, and ms from one to the next.
+    Reports(u8, u8),
     /// The same with a bit of one of its bytes changed on the way, the line feed among them.
     DamagedLine { text: String, byte: usize, bit: u8 },
     /// The same with one of its bytes damaged so that the receiver sees it, and drops it.
@@ -81,10 +85,84 @@ fn storing_line() -> impl Strategy<Value = String> {
     ]
 }
 
+/// Lines that switch, probe, and move work coordinates more than [`any_line`] does.
+fn switching_line() -> impl Strategy<Value = String> {
+    prop::sample::select(
+        &[
+            "M3S800",
+            "M4S600",
+            "M3S1000G1X-20F2000",
+            "M4S700G1Y-30F1500",
+            "M8",
+            "G38.2Z-90F1500",
+            "G38.3X-90F3000",
+            "G38.5Z0F2000",
+            "G92X1Y2",
+            "G10L20P1Z-3",
+            "G55G0X-5",
+            "$J=G91X-300F5000",
+            "G92X60Y60Z60",
+            "G10L20P1X50Z50",
+            "$J=X-95F6000",
+            "$J=Y-90Z-80F5000",
+            "(a long comment that fills the queue of the machine before it is played at all)",
+            "G4P1",
+        ][..],
+    )
+    .prop_map(str::to_owned)
+}
+
+/// Lines of hosts of 3D printers: to another machine they are mostly errors. None becomes `M118` by one bit, which says
+/// whatever it is told.
+fn host_line() -> impl Strategy<Value = String> {
+    let words = prop::sample::select(
+        &[
+            "G1 X-5 E2 F3000",
+            "G92 E0",
+            "G92 X0",
+            "G28",
+            "G28 X",
+            "M105",
+            "M114",
+            "M115",
+            "M119",
+            "M112",
+            "M999",
+            "M410",
+            "M108",
+            "M106 S128",
+            "M107",
+            "M82",
+            "M83",
+            "M220 S50",
+            "M204 S200",
+            "M400",
+            "M117 Done!",
+            "M0 S1",
+            "M84",
+            "M503",
+            "M154 S1",
+            "M154 S0",
+            "G4 P20",
+            "G0 S1 X-20",
+        ][..],
+    );
+    (words, prop::option::of(0_u8..6)).prop_map(|(words, number)| match number {
+        Some(number) => {
+            let line = format!("N{number} {words}");
+            let checksum = line.bytes().fold(0, |sum, byte| sum ^ byte);
+            format!("{line}*{checksum}")
+        }
+        None => words.to_owned(),
+    })
+}
+
 fn line() -> impl Strategy<Value = String> {
     prop_oneof![
+        2 => host_line(),
         12 => any_line(),
         3 => storing_line(),
+        6 => switching_line(),
         1 => prop::sample::select(&["$H", "$HX", "$C", "$X", "$", "$$", "$+", "$I+", "$RST=#", "G28.1", "G30.1", "G10L20P2X1"][..])
             .prop_map(str::to_owned),
     ]
@@ -115,6 +193,8 @@ fn realtime_byte() -> impl Strategy<Value = u8> {
 fn action() -> impl Strategy<Value = Action> {
     prop_oneof![
         60 => line().prop_map(Action::Line),
+        2 => (line(), 2_u8..80).prop_map(|(line, times)| Action::Lines(line, times)),
+        2 => (1_u8..45, 6_u8..60).prop_map(|(times, ms)| Action::Reports(times, ms)),
         3 => (line(), 0_usize..80, 0_u8..8)
             .prop_filter("a setting with a wrong number may be any", |(text, ..)| !text.starts_with('$'))
             .prop_map(|(text, byte, bit)| Action::DamagedLine { text, byte, bit }),

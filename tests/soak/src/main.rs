@@ -2,25 +2,31 @@
 //! random inputs.
 
 mod action;
+mod answers;
 mod bench;
+mod day;
 mod fuzz;
+mod inserted;
+mod outputs;
 #[path = "../../../tests/support/pulses.rs"]
 mod pulses;
 mod quiet;
 #[path = "../../../tests/support/random_lines.rs"]
 mod random_lines;
+mod reports;
 mod rules;
 mod search;
 mod setup;
 
 use std::{process::ExitCode, time::Duration};
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use common::options::{self, Soak as Options, Verb};
 use common::ui;
 use indicatif::{HumanCount, ProgressBar};
 use simulation::proven;
 
+use quiet::panic_of;
 use search::{Done, Until};
 
 fn main() -> ExitCode {
@@ -37,6 +43,12 @@ const GROWTH_KIB: u64 = 8 * 1024;
 const FIRST: u64 = 50;
 
 fn run(options: &Options) -> Result<ExitCode> {
+    if options.day {
+        return run_day(options.seed);
+    }
+    if options.faults {
+        return inserted::run(options.seed, options.seconds);
+    }
     let until = match (options.machine_hours, options.histories) {
         (Some(hours), _) => Until::MachineHours(hours),
         (_, Some(count)) => Until::Histories(count),
@@ -66,14 +78,50 @@ fn run(options: &Options) -> Result<ExitCode> {
             return Ok(ExitCode::FAILURE);
         }
     };
-    if let (Some(before), Some(after)) = (memory, resident_kib()) {
+    ensure_no_growth(memory, GROWTH_KIB)?;
+    let seeded = format!("from seed {}: {}", options.seed, figures(&done));
+    ui::status("Soaked", &seeded);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Hours of a day, and the growth of the process in it, KiB.
+const DAY_HOURS: f64 = 24.0;
+const DAY_GROWTH_KIB: u64 = 512;
+
+fn run_day(seed: u64) -> Result<ExitCode> {
+    let progress = ProgressBar::new_spinner();
+    let (mut memory, mut told) = (None, String::new());
+    let panic = panic_of(|| {
+        day::work(seed, DAY_HOURS, proven::committed(), |worked| {
+            memory = memory.or_else(resident_kib);
+            told = format!(
+                "{:.1} h, {} lines, {} bytes of the operator",
+                worked.seconds / 3600.0,
+                HumanCount(worked.lines),
+                HumanCount(worked.presses)
+            );
+            progress.set_message(told.clone());
+            progress.tick();
+        });
+    });
+    progress.finish_and_clear();
+    if let Some(panic) = panic {
+        bail!("{panic}\nafter {told}; again: cargo xtask soak --day --seed {seed}");
+    }
+    ensure_no_growth(memory, DAY_GROWTH_KIB)?;
+    ui::status("Worked", &told);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Fails if the process has grown since it had so much memory.
+fn ensure_no_growth(before: Option<u64>, growth_kib: u64) -> Result<()> {
+    if let (Some(before), Some(after)) = (before, resident_kib()) {
         ensure!(
-            after <= before + GROWTH_KIB,
+            after <= before + growth_kib,
             "the memory grows: {before} KiB, then {after} KiB"
         );
     }
-    ui::status("Soaked", &figures(&done));
-    Ok(ExitCode::SUCCESS)
+    Ok(())
 }
 
 fn figures(done: &Done) -> String {

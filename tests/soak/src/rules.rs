@@ -8,15 +8,13 @@ use leadscrew::{
     units::{TICKS_PER_MS, TICKS_PER_US},
 };
 
-use crate::{pulses::Pulses, setup::STEPS_PER_MM};
+use crate::{pulses::Pulses, setup::Setup};
 
 /// The window over which speeds are measured, and the same in ticks.
 const WINDOW_MS: usize = 80;
 const WINDOW_TICKS: u64 = TICKS_PER_MS as u64 * WINDOW_MS as u64;
 /// The greatest speed of any setup and of what its programs set, mm/min.
 const FASTEST_MM_MIN: i32 = 6000;
-/// Steps in a window at that speed, and one more that lies at its border.
-const STEPS_IN_WINDOW: usize = (FASTEST_MM_MIN * STEPS_PER_MM) as usize * WINDOW_MS / 60_000 + 2;
 
 /// The pins up to now.
 pub(crate) struct MotionRules {
@@ -25,15 +23,21 @@ pub(crate) struct MotionRules {
     steps: Axes<i32>,
     /// The newest steps of each motor, as many as fit a window at the greatest speed.
     newest: [VecDeque<u64>; AXES],
+    /// How many those are: with one more that lies at the border of the window.
+    steps_in_window: [usize; AXES],
 }
 
 impl MotionRules {
-    pub(crate) fn new(simulator: &Simulator) -> Self {
+    pub(crate) fn new(simulator: &Simulator, setup: Setup) -> Self {
+        let steps_in_window = Axes::from_fn(|axis| {
+            (FASTEST_MM_MIN * setup.resolution(axis)) as usize * WINDOW_MS / 60_000 + 2
+        });
         let pulse_us = simulator.session().settings().step_pulse_us;
         Self {
             pulses: Pulses::new(u64::from(pulse_us) * u64::from(TICKS_PER_US)),
             steps: Axes::all(0),
             newest: Default::default(),
+            steps_in_window: steps_in_window.0,
         }
     }
 
@@ -54,13 +58,14 @@ impl MotionRules {
                 self.steps[axis] += if is_negative { -1 } else { 1 };
             }
             newest.push_back(edge.ticks);
-            if newest.len() > STEPS_IN_WINDOW
+            let steps = self.steps_in_window[axis];
+            if newest.len() > steps
                 && let Some(first) = newest.pop_front()
             {
                 let ticks = edge.ticks - first;
                 assert!(
                     ticks >= WINDOW_TICKS,
-                    "motor {axis} is too fast: {STEPS_IN_WINDOW} steps in {ticks} ticks"
+                    "motor {axis} is too fast: {steps} steps in {ticks} ticks"
                 );
             }
         }

@@ -186,6 +186,14 @@ mod tests {
             (Fault::MotorsSwapped, "is programmed to", 1),
             (Fault::LossUnseen, "a line that has lost a byte", 2),
             (Fault::BreakUnseen, "a break holds nothing", 3),
+            (Fault::BeamInHold, "the beam stays on in a hold", 2),
+            (Fault::BeamInRapid, "the beam is on in a rapid", 1),
+            (Fault::SpindleBehindDoor, "stay on behind the door", 2),
+            (Fault::CoolantStays, "coolant", 2),
+            (Fault::OffsetUntold, "reports have no WCO", 4),
+            (Fault::ProbeMoved, "but the probe has changed at", 4),
+            (Fault::AnswerGarbled, "an unknown line", 2),
+            (Fault::SecondStepLost, "second motors", 2),
         ] {
             let broken = search(1, Until::Histories(300), STEP_RATE, Some(fault), |_| {});
             let broken = broken.expect_err(&format!("{fault:?} is not found"));
@@ -196,10 +204,7 @@ mod tests {
 
     #[test]
     fn after_g40_the_tool_stays_beside_the_programmed_position_up_to_the_next_move() {
-        let setup = Setup {
-            kind: Kind::Laser,
-            is_core_xy: false,
-        };
+        let setup = Setup::plain(Kind::Laser);
         let lines = ["G1F3000", "G41.1D1.5G1X-1", "G40"].map(|line| Action::Line(line.into()));
         run(setup, &lines, STEP_RATE, None);
     }

@@ -6,8 +6,9 @@ use super::files::{InputPath, OutputPath};
 ///
 /// Lines of all codes, realtime bytes, contacts, damaged bytes, breaks, settings that are stored, and losses of
 /// power come at random times. Every pulse has its width and its distance, no axis is faster than it may be or
-/// leaves its travel, a break holds what runs, each line is answered once, each `?` in time, the machine is where
-/// it believes to be, and what was stored before power was lost is there afterwards.
+/// leaves its travel, spindle, laser and coolant are on where they may and off where they must, a break holds what
+/// runs, each line is answered once and in known words, each `?` in time, a sender always knows the work offset, the
+/// machine is where it believes to be, and what was stored before power was lost is there afterwards.
 #[derive(Debug, clap::Args)]
 pub struct Soak {
     /// The seed of the first history; each one after it has the next
@@ -22,6 +23,12 @@ pub struct Soak {
     /// Instead, a number of histories
     #[arg(long, value_name = "COUNT", conflicts_with_all = ["seconds", "machine_hours"])]
     pub histories: Option<u64>,
+    /// Instead, a day of work of one machine, in which nothing is refused
+    #[arg(long, conflicts_with_all = ["seconds", "machine_hours", "histories"])]
+    pub day: bool,
+    /// Insert the faults of `tests/soak_faults.toml` into copies of the sources, and look whether each is found
+    #[arg(long, conflicts_with_all = ["machine_hours", "histories", "day"])]
+    pub faults: bool,
 }
 
 /// Give the library inputs that nobody sends, and look whether any makes it panic

@@ -10,7 +10,7 @@ use leadscrew::{
 };
 
 use super::{Bench, Fault, RESET_TICKS, SECOND};
-use crate::rules::MotionRules;
+use crate::{reports::ReportRules, rules::MotionRules};
 
 impl Bench {
     /// The power fails, and comes back.
@@ -33,16 +33,21 @@ impl Bench {
             || self.has_postponed && are_records_of(&stored, &self.may_be_stored);
         self.has_postponed = false;
         let old = std::mem::replace(&mut self.may_be_stored, vec![stored]);
-        self.motion = MotionRules::new(&self.simulator);
+        self.motion = MotionRules::new(&self.simulator, self.setup);
+        self.reports = ReportRules::default();
+        (self.is_statement, self.is_alarm_of_probe) = (false, false);
+        self.on_since = None;
         (self.line, self.urgent) = (VecDeque::new(), VecDeque::new());
         (self.next_in, self.next_out) = (0, 0);
         self.heard.clear();
         (self.received_lines, self.answers, self.resets) = (0, 0, 0);
+        self.refusals = 0;
         self.forget_losses();
         self.lost = 0;
         (self.welcomes, self.silent_at) = (1, SECOND);
         self.asked = None;
         (self.offset, self.may_have_homed) = (Axes::all(0), false);
+        self.second_offset = Axes::all(0);
         let closed = std::mem::replace(&mut self.closed, Levels::NONE);
         self.hold(closed);
         self.note_reset();
@@ -62,6 +67,8 @@ impl Bench {
         let is_stored = writing.is_some() && changes == Some(1);
         assert!(is_stored, "what is stored is neither old nor new");
         let line = writing.unwrap_or_default();
+        // A contact that is still closed may hold the machine.
+        self.recover_for_line();
         self.send("$X");
         self.send(line);
         assert!(self.comes_to_rest(RESET_TICKS), "{line} is not answered");
