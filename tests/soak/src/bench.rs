@@ -16,7 +16,7 @@ use leadscrew::{
     },
     protocol::MESSAGE_BYTES,
     settings::{StepRate, Stored, ToolTable},
-    sim::{Edge, Simulator},
+    sim::{Edge, Simulator, WINDOW},
     units::{TICKS_PER_MS, TICKS_PER_SECOND},
 };
 
@@ -32,8 +32,6 @@ const SECOND: u64 = TICKS_PER_SECOND as u64;
 const MILLISECOND: u64 = TICKS_PER_MS as u64;
 /// One byte at 115 200 baud.
 const BYTE_TICKS: u64 = SECOND * 10 / 115_200;
-/// Bytes of lines that a sender has in the machine at most, as Grbl's buffer holds them.
-const WINDOW: usize = 127;
 /// The byte with which an operator begins lines of his own in a change of the tool.
 const OPERATOR_LINES: u8 = 0xa3;
 /// Alarms that leave spindle and coolant on, as in Grbl.
