@@ -4,6 +4,8 @@
 #![cfg(not(target_os = "none"))]
 
 mod bootloaders;
+#[path = "../support/cases.rs"]
+mod cases;
 mod cycles;
 mod faults;
 mod image;

@@ -95,7 +95,10 @@ pub enum Verb {
     Replay(Replay),
     /// Build the firmware and test it over its serial line
     #[command(hide = true)]
-    Serial,
+    Serial {
+        /// Only the tests whose name contains this
+        only: Option<String>,
+    },
     #[command(hide = true)]
     SimOnTarget(SimOnTarget),
     #[command(hide = true)]
@@ -166,7 +169,7 @@ impl Verb {
             | Self::Board(_)
             | Self::Boards
             | Self::Build(_)
-            | Self::Serial
+            | Self::Serial { .. }
             | Self::Size(_)
             | Self::Start(_) => tools::FIRMWARE,
             Self::Conformance(_) => tools::CONFORMANCE,

@@ -98,11 +98,9 @@ fn quick() -> Vec<Check> {
         }),
         runs("unit tests", UNIT_TESTS),
         runs("host tests", ["test", "--no-fail-fast", "--package=tests"]),
-        by(tools::DOCS, "documents", &["--check"]),
-        // As many axes as their reports show.
-        Check::new("answers of Grbl", || {
-            check::by(tools::CONFORMANCE, [""; 0], 3)
-        }),
+        runs("documents", ["test", "--package=firmware", "--bin=docs"]),
+        runs("answers of Grbl", ["test", "--package=conformance"]),
+        runs("command line", ["test", "--package=xtask"]),
         Check::new("the proof that the documents show", || {
             check::by(tools::SCHEDULE, ["--check"], 3)
         }),
@@ -136,6 +134,11 @@ fn rest() -> Result<Vec<Check>> {
         }),
         by(tools::SOAK, "a day in virtual time", &["soak", "--day"]),
     ];
+    checks.push(emulated(
+        tools::FIRMWARE,
+        "more lines over the serial line",
+        &["serial", "thousands_of_lines"],
+    ));
     checks.extend(with_features());
     for board in WHOLE {
         checks.push(plain(format!("lints, {board}"), move || lint(board)));

@@ -223,3 +223,37 @@ fn replay_program(dir: &Path, case: &Case) -> Result<Outcome> {
         ..Outcome::of(&case.category, &case.program, 1, differences)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use common::cargo;
+    use leadscrew::axis::AXES;
+
+    use super::*;
+
+    #[test]
+    fn the_machine_answers_what_grbl_does_but_where_a_deviation_says_so() {
+        // Reports show as many axes as there are.
+        if AXES != 3 {
+            return;
+        }
+        let recordings = exchanges(answers::load(&[]).unwrap());
+        let outcomes = replay_all(Path::new("tests/conformance"), &recordings).unwrap();
+        assert!(outcomes.len() > 300, "{}", outcomes.len());
+        let differing: Vec<_> = outcomes
+            .iter()
+            .filter(|outcome| outcome.verdict == Verdict::Differs)
+            .map(|outcome| serde_json::to_string(outcome).unwrap())
+            .collect();
+        assert!(differing.is_empty(), "{differing:#?}");
+    }
+
+    #[test]
+    fn the_document_is_what_the_tool_prints() {
+        let page = cargo::root().join("docs/conformance.md");
+        let page = fs::read_to_string(page).unwrap();
+        assert!(page == document().unwrap() + "\n", "run `cargo xtask docs`");
+    }
+}

@@ -22,7 +22,7 @@ fn main() -> ExitCode {
         Verb::Boards => list(),
         Verb::All { board } => every_firmware(&board),
         Verb::Start(options) => start(options),
-        Verb::Serial => over_serial(),
+        Verb::Serial { only } => over_serial(only.as_deref()),
         other => other.refuse(),
     })
 }
@@ -90,12 +90,13 @@ fn start(options: Start) -> Result<ExitCode> {
 }
 
 /// The firmware in QEMU, driven as a sender drives it.
-fn over_serial() -> Result<ExitCode> {
+fn over_serial(only: Option<&str>) -> Result<ExitCode> {
     cargo::need_qemu()?;
     let (board, _) = firmware::boards::emulated()?;
     let elf = firmware::firmware(&board)?;
     let step_rate = firmware::image::read(&elf)?;
     let mut command = cargo::cargo(&["test", "--package", "tests", "--test", "firmware"]);
+    command.args(only);
     command.env("FIRMWARE_STEP_RATE", step_rate.to_string());
     command.env("SLOW_FIRMWARE_ELF", firmware::as_if_proven(&elf, 20_000)?);
     command.env("UNPROVEN_FIRMWARE_ELF", firmware::as_if_proven(&elf, 0)?);
