@@ -165,6 +165,7 @@ impl Verb {
             | Self::Replay(_)
             | Self::Run(_)
             | Self::SimOnTarget(_) => tools::TARGET,
+            Self::Board(Board::Import(_)) => tools::IMPORT,
             Self::All { .. }
             | Self::Board(_)
             | Self::Boards

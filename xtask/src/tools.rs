@@ -155,6 +155,11 @@ pub const SCHEDULE: Tool =
 pub const FIRMWARE: Tool = Tool::new("firmware", "the builder of firmware", "half a minute")
     .for_any_axes()
     .of_several_commands();
+/// `cargo xtask board import`.
+pub const IMPORT: Tool = Tool {
+    features: &["import"],
+    ..FIRMWARE
+};
 /// `cargo xtask send`.
 pub const SEND: Tool = Tool::new("send", "the sender", "about a minute");
 /// `cargo xtask settings`.

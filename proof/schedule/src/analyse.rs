@@ -7,8 +7,6 @@ use std::{
     path::Path,
 };
 
-use sha2::{Digest, Sha256};
-
 use crate::{
     Annotations, App, Cache, Clock, Config, Curve, Flaw, Image, Model, Place, Program, Report,
     Rule, Stream, Task, UndeadlinedWait, Window,
@@ -84,7 +82,7 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
     let elf = fs::read(input.elf).map_err(|error| format!("{}: {error}", input.elf.display()))?;
     let mut report = Report {
         board: input.board.to_owned(),
-        elf_sha256: hexadecimal(&Sha256::digest(&elf)),
+        elf_sha256: hexadecimal(&hmac_sha256::Hash::hash(&elf)),
         calibrated: input.measured.is_some(),
         calibration: input
             .measured

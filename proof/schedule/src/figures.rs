@@ -68,9 +68,17 @@ fn collect(name: &str, value: &Value, numbers: &mut BTreeMap<String, String>) {
         Value::String(formula) => {
             numbers.insert(name.to_owned(), formula.clone());
         }
-        other => {
-            numbers.insert(name.to_owned(), other.to_string());
+        Value::Integer(number) => {
+            numbers.insert(name.to_owned(), number.to_string());
         }
+        Value::Float(number) => {
+            numbers.insert(name.to_owned(), format!("{number:?}"));
+        }
+        Value::Boolean(value) => {
+            numbers.insert(name.to_owned(), value.to_string());
+        }
+        // Figures have none of them.
+        Value::Array(_) | Value::Datetime(_) => {}
     }
 }
 

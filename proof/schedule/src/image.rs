@@ -134,7 +134,7 @@ impl Image {
             symbols: HashMap::new(),
             marks: BTreeMap::new(),
             vectors,
-            lines: Lines::load(path, &file).map_err(|error| failed(path, error))?,
+            lines: Lines::load(&file).map_err(|error| failed(path, error))?,
         };
         image.read_symbols(&file);
         if image.functions.is_empty() {

@@ -8,16 +8,20 @@ mod exchange;
 mod golden;
 mod print;
 
-use std::{fmt::Write as _, path::Path, process::ExitCode};
+use std::{
+    fmt::Write as _,
+    fs,
+    num::NonZero,
+    path::Path,
+    process::ExitCode,
+    sync::atomic::{AtomicUsize, Ordering},
+    thread::{self, ScopedJoinHandle},
+};
 
 use anyhow::{Context, Result, ensure};
 use common::options::{self, Conformance as Options, Verb};
-use rayon::prelude::*;
 use serde::Serialize;
-use simulation::{
-    output::{progress, write_json},
-    play,
-};
+use simulation::play;
 
 use self::{
     check::Table,
@@ -80,7 +84,8 @@ fn run(options: &Options) -> Result<ExitCode> {
     let outcomes = replay_all(place, &recordings)?;
     print::all(&outcomes, options.all);
     if let Some(path) = &options.json {
-        write_json(path, &outcomes)?;
+        let text = serde_json::to_string(&outcomes)? + "\n";
+        fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     let differs = |outcome: &Outcome| outcome.verdict == Verdict::Differs;
     Ok(ExitCode::from(u8::from(outcomes.iter().any(differs))))
@@ -161,15 +166,26 @@ const CHECK: &str = "check";
 
 /// Runs everything, on every core.
 fn replay_all(dir: &Path, recordings: &[Recording]) -> Result<Vec<Outcome>> {
-    let bar = progress(recordings.len() as u64, "recordings");
-    let each = |recording| {
-        let outcome = replay(dir, recording);
-        bar.inc(1);
-        outcome
+    let workers = thread::available_parallelism().map_or(1, NonZero::get);
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let mut outcomes = Vec::new();
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(recording) = recordings.get(index) else {
+                break Ok(outcomes);
+            };
+            outcomes.push((index, replay(dir, recording)?));
+        }
     };
-    let outcomes = recordings.par_iter().map(each).collect();
-    bar.finish_and_clear();
-    outcomes
+    let outcomes: Result<Vec<Vec<_>>> = thread::scope(|scope| {
+        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
+        let done = workers.into_iter().map(ScopedJoinHandle::join);
+        done.map(|done| done.expect("no worker panics")).collect()
+    });
+    let mut outcomes: Vec<_> = outcomes?.into_iter().flatten().collect();
+    outcomes.sort_by_key(|(index, _)| *index);
+    Ok(outcomes.into_iter().map(|(_, outcome)| outcome).collect())
 }
 
 fn replay(dir: &Path, recording: &Recording) -> Result<Outcome> {
@@ -226,8 +242,6 @@ fn replay_program(dir: &Path, case: &Case) -> Result<Outcome> {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use common::cargo;
     use leadscrew::axis::AXES;
 

@@ -21,11 +21,21 @@ use owo_colors::OwoColorize;
 pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
     match verb {
         Verb::Check(options) => check(options),
-        Verb::Import(options) => {
-            print!("{}", board_data::board_file(&options.printer)?);
-            Ok(ExitCode::SUCCESS)
-        }
+        Verb::Import(options) => import(&options.printer),
     }
+}
+
+/// Prints the board's file of a printer.
+#[cfg(feature = "import")]
+fn import(printer: &Path) -> Result<ExitCode> {
+    print!("{}", board_data::board_file(printer)?);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// `cargo xtask` starts a program that can.
+#[cfg(not(feature = "import"))]
+fn import(_printer: &Path) -> Result<ExitCode> {
+    bail!("this program reads no configurations of printers")
 }
 
 fn check(options: &Options) -> Result<ExitCode> {

@@ -20,7 +20,7 @@ pub mod figures;
 #[cfg(feature = "os")]
 pub mod holder;
 pub mod holes;
-#[cfg(feature = "os")]
+#[cfg(feature = "terminal")]
 pub mod interrupt;
 mod job;
 pub mod job_times;
@@ -31,7 +31,7 @@ pub mod machine;
 #[cfg(feature = "os")]
 pub mod machine_answers;
 mod merge;
-#[cfg(feature = "os")]
+#[cfg(feature = "terminal")]
 pub mod output;
 #[cfg(feature = "os")]
 pub mod play;

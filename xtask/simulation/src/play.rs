@@ -5,6 +5,7 @@ use std::path::Path;
 use crate::playing::Playing;
 use anstream::println;
 use anyhow::Result;
+#[cfg(feature = "terminal")]
 use indicatif::ProgressBar;
 use leadscrew::{
     settings::Settings,
@@ -45,6 +46,26 @@ pub fn play_recorded(path: &Path, settings: &Settings, switches: &[Switch]) -> R
         .flat_map(|text| ask(&mut simulator, text.as_bytes()))
         .collect();
     Ok(Played { figures, said })
+}
+
+/// None is shown.
+#[cfg(not(feature = "terminal"))]
+#[derive(Clone)]
+pub struct ProgressBar;
+
+#[cfg(not(feature = "terminal"))]
+impl ProgressBar {
+    fn hidden() -> Self {
+        Self
+    }
+
+    fn suspend(&self, print: impl FnOnce()) {
+        print();
+    }
+
+    fn set_position(&self, _bytes: u64) {}
+
+    fn finish_and_clear(&self) {}
 }
 
 /// How a program is run.

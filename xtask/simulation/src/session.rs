@@ -3,15 +3,14 @@
 //! The form of the files is fixed: other tools write and read it. A step is sent, and what arrives
 //! until the next step belongs to it.
 
+#[cfg(feature = "terminal")]
+mod file;
 pub mod player;
 pub mod state;
 pub mod step;
 pub mod track;
 
-use std::{fs, path::Path};
-
-use anyhow::{Context, Result, ensure};
-use common::ui;
+use anyhow::{Result, ensure};
 use leadscrew::{
     axis::AXES,
     settings::Settings,
@@ -20,6 +19,8 @@ use leadscrew::{
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+#[cfg(feature = "terminal")]
+pub use self::file::replay_file;
 use self::{
     player::{Patience, Player, rounded},
     state::End,
@@ -27,7 +28,7 @@ use self::{
 };
 use crate::{
     machine::{Event, Pin},
-    output, proven, settings,
+    proven, settings,
 };
 
 /// How long a line is waited for in a session with times, as its recorder did, s.
@@ -171,45 +172,6 @@ impl Session {
     }
 }
 
-/// Replays every session of a file and writes them with what was received. Returns whether all
-/// could be replayed.
-pub fn replay_file(input: &Path, output: &Path) -> Result<bool> {
-    let name = input.display();
-    let text = fs::read(input).with_context(|| format!("cannot read the sessions {name}"))?;
-    let form =
-        || format!("{name} is no array of {{\"id\", \"settings\", \"transcript\": [step, …]}}");
-    let sessions: Vec<Value> = serde_json::from_slice(&text).with_context(form)?;
-    let sessions: Result<Vec<Session>> = sessions.iter().map(Session::read).collect();
-    let sessions = sessions.with_context(form)?;
-    let bar = output::progress(sessions.len() as u64, "sessions");
-    let mut replayed = Vec::new();
-    for session in sessions {
-        replayed.push(replay(session));
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
-    let mut all = true;
-    for session in &replayed {
-        for error in errors(session) {
-            ui::warning(&format!("session {}: {error}", session.session.id));
-            all = false;
-        }
-    }
-    let replayed: Result<Vec<Value>> = replayed.iter().map(Replayed::to_json).collect();
-    output::write_json(output, &replayed?)?;
-    Ok(all)
-}
-
-/// What could not be replayed.
-fn errors(replayed: &Replayed) -> impl Iterator<Item = String> {
-    let steps = replayed.session.steps().enumerate();
-    let steps = steps.filter_map(|(index, step)| {
-        let error = step.error.as_ref()?;
-        Some(format!("step {}: {error}", index + 1))
-    });
-    replayed.results.error.clone().into_iter().chain(steps)
-}
-
 /// Replays one session: what makes a recording of it.
 pub fn recorded(json: &str) -> Result<Value> {
     let value = serde_json::from_str(json)?;
@@ -299,7 +261,7 @@ mod tests {
             r#"{"id": 1, "setup_result": [{"line": "G91"}],
                 "result": [{"pin": ["KNOCK", 0]}, {"line": "G0X1"}, {"line": "X1"}]}"#,
         );
-        assert_eq!(errors(&replayed).count(), 1);
+        assert_eq!(file::errors(&replayed).count(), 1);
         let json = replayed.to_json().unwrap();
         assert_eq!(json["result"][2]["recv"][0], "ok");
         assert_eq!(json["final"]["mpos_steps"][0], 500);

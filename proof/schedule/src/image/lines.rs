@@ -3,18 +3,18 @@
 use std::{
     cell::RefCell,
     collections::{HashMap, HashSet},
-    path::Path,
     rc::Rc,
 };
 
-use addr2line::{Loader, gimli};
+use addr2line::Context;
+use gimli::{EndianRcSlice, EndianSlice, LittleEndian};
 use object::{Object, ObjectSection};
 
 use super::Frame;
 
 /// See the module. Answers are remembered.
 pub(super) struct Lines {
-    loader: Loader,
+    context: Context<EndianRcSlice<LittleEndian>>,
     /// Where the project was compiled.
     root: Option<String>,
     known: RefCell<HashMap<u32, Rc<[Frame]>>>,
@@ -24,12 +24,10 @@ pub(super) struct Lines {
 }
 
 impl Lines {
-    pub(super) fn load(
-        path: &Path,
-        file: &object::read::elf::ElfFile32<'_>,
-    ) -> Result<Self, String> {
+    pub(super) fn load(file: &object::read::elf::ElfFile32<'_>) -> Result<Self, String> {
+        let context = context(file).map_err(|error| error.to_string())?;
         Ok(Self {
-            loader: Loader::new(path).map_err(|error| error.to_string())?,
+            context,
             root: root(file).map_err(|error| error.to_string())?,
             known: RefCell::default(),
             texts: RefCell::default(),
@@ -47,7 +45,11 @@ impl Lines {
     }
 
     fn find(&self, address: u32) -> Option<Vec<Frame>> {
-        let mut found = self.loader.find_frames(address.into()).ok()?;
+        let mut found = self
+            .context
+            .find_frames(address.into())
+            .skip_all_loads()
+            .ok()?;
         let mut frames = Vec::new();
         while let Ok(Some(frame)) = found.next() {
             let name = frame.function.as_ref().and_then(|name| {
@@ -92,6 +94,19 @@ impl Lines {
     }
 }
 
+/// The debug information of a file.
+fn context(
+    file: &object::read::elf::ElfFile32<'_>,
+) -> Result<Context<EndianRcSlice<LittleEndian>>, gimli::Error> {
+    let dwarf = gimli::Dwarf::load(|section| {
+        let found = file.section_by_name(section.name());
+        let data = found.and_then(|section| section.uncompressed_data().ok());
+        let data: Rc<[u8]> = data.unwrap_or_default().into();
+        Ok::<_, gimli::Error>(EndianRcSlice::new(data, LittleEndian))
+    })?;
+    Context::from_dwarf(dwarf)
+}
+
 /// A path from the project's root, or from above the crate that it belongs to.
 fn shorten<'a>(file: &'a str, root: Option<&str>) -> &'a str {
     let own = root.and_then(|root| file.strip_prefix(root));
@@ -114,7 +129,7 @@ fn root(file: &object::read::elf::ElfFile32<'_>) -> Result<Option<String>, gimli
         let data = found.and_then(|section| section.uncompressed_data().ok());
         Ok::<_, gimli::Error>(data.unwrap_or_default())
     })?;
-    let dwarf = sections.borrow(|data| gimli::EndianSlice::new(data, gimli::LittleEndian));
+    let dwarf = sections.borrow(|data| EndianSlice::new(data, LittleEndian));
     let mut units = dwarf.units();
     while let Some(header) = units.next()? {
         let unit = dwarf.unit(header)?;

@@ -6,7 +6,6 @@ use anyhow::{Context, Result, ensure};
 use firmware::boards::Board;
 use serde::Serialize;
 use serde_json::Value;
-use sha2::{Digest as _, Sha256};
 
 use super::{
     checks::{Check, Verdict},
@@ -197,7 +196,7 @@ fn sorted(value: &Value) -> Value {
 }
 
 fn digest(bytes: &[u8]) -> String {
-    let digest = Sha256::digest(bytes);
+    let digest = hmac_sha256::Hash::hash(bytes);
     digest.iter().fold(String::new(), |mut text, byte| {
         let _ = write!(text, "{byte:02x}");
         text

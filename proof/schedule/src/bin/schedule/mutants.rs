@@ -22,7 +22,6 @@ use firmware::boards::Board;
 use object::{Object, ObjectSegment};
 use schedule::{Clock, Input, Report};
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use fault::{FAULTS, Fault};
 use site::{Draw, Site};
@@ -142,8 +141,7 @@ impl<'a> Workshop<'a> {
         let tool = fs::read(env::current_exe()?)?;
         let proof = fs::read(new.folder.join("schedule.toml"))?;
         let parts = [new.base.as_slice(), &tool, &proof];
-        let digest = parts.iter().fold(Sha256::new(), Sha256::chain_update);
-        let digest = digest.finalize();
+        let digest = hmac_sha256::Hash::hash(&parts.concat());
         let name = digest.iter().take(8).fold(String::new(), |mut name, byte| {
             // Writing to a string never fails.
             let _ = write!(name, "{byte:02x}");
