@@ -10,6 +10,7 @@ mod layers;
 mod links;
 mod paths;
 mod random;
+mod size;
 mod types;
 mod variants;
 mod walk;
