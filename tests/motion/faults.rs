@@ -176,8 +176,9 @@ fn an_hour_of_standstill_and_moves_keeps_its_steps() {
     let settings = with(&[1.0, 0.5, 2.0], &[300.0, 200.0, 90.0], &[20.0]);
     let mut machine = ManualDrive::new(&settings);
     let hour = 3600 * TICKS_PER_S as u64;
+    let end = hour / each(4) as u64;
     let mut side = 3.0;
-    while machine.now < hour {
+    while machine.now < end {
         machine.send(Work::Dwell(100_003));
         machine.go(&[side, -side, side * 0.25]);
         machine.go(&[-side * 2.0, side, -side]);

@@ -111,7 +111,12 @@ fn follow(start: [i32; 2], end: [i32; 2], rotation: Rotation, rule: StepRule) ->
 
 #[test]
 fn every_arc_between_whole_places_ends_there_and_stays_on_its_circle() {
-    for (rule, (most, longest)) in RULES.into_iter().zip([(1.0, 8), (0.6965, 7), (0.4934, 6)]) {
+    for (rule, (most, longest)) in RULES
+        .into_iter()
+        .zip([(1.0, 8), (0.6965, 7), (0.4934, 6)])
+        .rev()
+        .step_by(each(2))
+    {
         let mut arcs = 0;
         for whole in 1..=24 {
             let places = around(whole);
@@ -162,10 +167,12 @@ fn circles_are_off_their_radius_by_what_the_tables_say() {
         let is_full = each(2) == 1;
         (1..=200).filter(move |whole| is_full || *whole <= 10 || matches!(whole, 196 | 198))
     };
-    for (rule, expected) in
-        RULES
-            .into_iter()
-            .zip([[-1.0, 0.9974], [-0.7058, 0.7059], [-0.4994, 0.4981]])
+    for (rule, expected) in RULES
+        .into_iter()
+        .zip([[-1.0, 0.9974], [-0.7058, 0.7059], [-0.4994, 0.4981]])
+        // The rule of the machine by itself, when it must be quick.
+        .rev()
+        .step_by(each(3))
     {
         let mut worst = [0.0_f64; 2];
         for whole in radii() {

@@ -1,8 +1,8 @@
 //! Moves as the step pins show them: exact counts, limits kept, path kept.
 
 use crate::support::{
-    Act, RESET, Rig, TICKS_PER_S, Trace, Trapezoid, arc, at, cases, check_limits, check_path, fast,
-    interval_error_rms, line, line_at, number, slack, target, target_steps, with,
+    Act, RESET, Rig, TICKS_PER_S, Trace, Trapezoid, arc, at, cases, check_limits, check_path, each,
+    fast, interval_error_rms, line, line_at, number, slack, target, target_steps, with,
 };
 use leadscrew::{
     axis::Axes,
@@ -90,7 +90,10 @@ fn a_hold_stops_as_soon_as_the_limits_allow_and_resumes_on_the_path() {
         line(&[80.0, 1.0], 6000.0),
         line(&[120.0, 1.0], 6000.0),
     ]);
-    for hold_ms in [150_u64, 399, 500, 777, 900, 1100] {
+    for hold_ms in [150_u64, 500, 399, 900, 777, 1100]
+        .into_iter()
+        .step_by(each(2))
+    {
         let hold = hold_ms * u64::from(TICKS_PER_MS);
         let mut rig = Rig::new(&settings);
         rig.run(&commands, &[(hold, b'!'), (hold + 100_000_000, b'~')]);
