@@ -13,17 +13,18 @@ use crate::{
     Annotations, App, Cache, Clock, Config, Curve, Flaw, Image, Model, Place, Program, Report,
     Rule, Stream, Task, UndeadlinedWait, Window,
     calibration::Measured,
+    code_in_ram,
     crosscheck::Crosscheck,
-    edge, figures, findings, hidden,
+    figures, findings,
     model::OUTSTANDING_TRANSFER,
-    modes,
+    modes, pin_edge_jitter,
     registers::Registers,
-    requirements, resident,
+    requirements,
     response::{self, Blocking, Flash, Response},
     rta::{Demand, Load},
     sections, startup,
     system::{Row, System, misconfigured},
-    uncounted, worst_path,
+    tasks_without_deadline, unanalysed_code, worst_path,
 };
 
 /// Steps of the proven step rate, Hz.
@@ -188,12 +189,12 @@ impl<'a> Analysis<'a> {
         report.flaws.extend(registers.flaws());
         report
             .flaws
-            .extend(hidden::flaws(system.program, system.config));
+            .extend(unanalysed_code::flaws(system.program, system.config));
         report.flaws.extend(modes::flaws(system));
-        report.flaws.extend(resident::flaws(system.program));
+        report.flaws.extend(code_in_ram::flaws(system.program));
         let startup = startup::flaws(system.program, system.config);
         report.flaws.extend(startup);
-        uncounted::look(system, &named, report);
+        tasks_without_deadline::report_loops(system, &named, report);
         let mut is_bounded = true;
         for (index, row) in system.rows.iter().enumerate() {
             if row.times.is_some() {
@@ -378,7 +379,7 @@ impl<'a> Analysis<'a> {
             .iter()
             .filter(|it| it.holds(row.task.priority));
         let blocking = holding.map(|it| it.cycles).max().unwrap_or(0) + OUTSTANDING_TRANSFER;
-        let latencies = edge::latencies(&wcets, row.root).unwrap_or_default();
+        let latencies = pin_edge_jitter::latencies(&wcets, row.root).unwrap_or_default();
         let jitters = latencies
             .iter()
             .map(|it| blocking + it.latest - it.earliest);

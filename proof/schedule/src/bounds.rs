@@ -23,11 +23,11 @@ use crate::{
     Address, Annotations, Block, Bound, Count, Flaw, Frame, Function, Image, Instruction, Loop,
     Operation, Rule, Total,
     annotations::{SourceLoop, Stated},
-    count::{self, Runs},
-    flow::States,
+    busy_waits,
+    counted_loops::{self, Runs},
     model::RETRY,
+    value_analysis::States,
     values::Surroundings,
-    waits,
 };
 
 /// Gives the loops of `function` their lines and bounds.
@@ -60,13 +60,13 @@ pub(crate) fn find(
         {
             source = None;
         }
-        let runs = count::runs(around, &function.blocks, states, &function.loops[index]);
+        let runs = counted_loops::runs(around, &function.blocks, states, &function.loops[index]);
         let one = &function.loops[index];
         let stated = source.and_then(Source::bound);
         // What ends it before its counter does is decided elsewhere: only the counter counts.
-        let looks = waits::looks_elsewhere(function, one);
+        let is_external = busy_waits::depends_on_external_state(function, one);
         let total = source.and_then(Source::of_activation);
-        if let Some(runs) = runs.filter(|runs| runs.is_exact || looks) {
+        if let Some(runs) = runs.filter(|runs| runs.is_exact || is_external) {
             let stated = stated.iter().chain(&total);
             let wrong: Vec<Flaw> = stated
                 .filter_map(|stated| wrong(around.image, function, one, stated, runs))
@@ -84,7 +84,7 @@ pub(crate) fn find(
         let one = &mut function.loops[index];
         one.counted = runs.map(|runs| runs.returns);
         one.bound = match counted {
-            Some(counted) if looks => Some(counted),
+            Some(counted) if is_external => Some(counted),
             counted => smaller(stated.or(retries), counted),
         };
         let blocks = &function.blocks;
@@ -200,7 +200,7 @@ fn stores_again(function: &Function, one: &Loop) -> bool {
     };
     let loading: BTreeSet<usize> = one.blocks.iter().copied().filter(loads).collect();
     let mut loading = loading.iter();
-    loading.any(|block| waits::is_on_each_way(function, one, *block))
+    loading.any(|block| busy_waits::is_on_every_path(function, one, *block))
         && one.back.iter().all(|&back| {
             let instructions = &function.blocks[back].instructions;
             let mut result = None;
@@ -448,10 +448,10 @@ fn shared(chains: &[Vec<Frame>]) -> usize {
 /// How many closures a function is in, itself one.
 fn closures(name: &str) -> usize {
     let mut count = 0;
-    let mut rest = name;
-    while let Some(outer) = rest.strip_suffix("::{{closure}}") {
+    let mut outer_name = name;
+    while let Some(outer) = outer_name.strip_suffix("::{{closure}}") {
         count += 1;
-        rest = outer;
+        outer_name = outer;
     }
     count
 }

@@ -57,7 +57,7 @@ pub(crate) fn budget(function: &Function, head: usize) -> Budget {
 }
 
 /// Whether each way round a loop leads through one of these blocks.
-pub(crate) fn is_on_each_way(
+pub(crate) fn is_on_every_path(
     function: &Function,
     looped: &Loop,
     through: &BTreeSet<usize>,

@@ -85,7 +85,7 @@ pub struct Watchdog {
     pub uncounted: Vec<Uncounted>,
     /// Functions that such tasks call whose loops and whose time are left out.
     #[serde(default)]
-    pub apart: Vec<Exempt>,
+    pub excluded: Vec<Exempt>,
 }
 
 /// Loops that nothing counts.

@@ -74,7 +74,7 @@ impl Crosscheck<'_> {
             }
             known.extend(slots);
         }
-        flaws.extend(self.strangers(&known));
+        flaws.extend(self.unowned_vectors(&known));
         flaws.extend(self.ceilings());
         flaws.extend(self.idle());
         flaws
@@ -172,7 +172,7 @@ impl Crosscheck<'_> {
     }
 
     /// Vectors that may interrupt and belong to no task.
-    fn strangers(&self, known: &BTreeSet<usize>) -> Vec<Flaw> {
+    fn unowned_vectors(&self, known: &BTreeSet<usize>) -> Vec<Flaw> {
         let default = self.image.symbol("DefaultHandler");
         let mut flaws = Vec::new();
         for (slot, vector) in self.image.vectors().iter().enumerate().skip(1) {
@@ -231,9 +231,9 @@ impl Crosscheck<'_> {
     /// That `idle` is in `main`: what is exempt there is so until interrupts are on.
     fn idle(&self) -> Option<Flaw> {
         let mut functions = self.functions.values();
-        let is_apart = functions.any(|function| function.name.ends_with("::idle"));
+        let is_own_function = functions.any(|function| function.name.ends_with("::idle"));
         let idle = self.app.tasks.iter().find(|task| task.name == "idle")?;
-        (!is_apart && self.config.exemption("main").is_some()).then(|| {
+        (!is_own_function && self.config.exemption("main").is_some()).then(|| {
             let what = "the code of `idle` is in `main`, which is exempt".to_owned();
             let remedy = "Keep it apart: write `#[inline(never)]` at `idle`.";
             at(idle, mismatch(what, remedy))

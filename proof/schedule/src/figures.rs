@@ -94,8 +94,8 @@ impl FigureConfig {
 
 /// Whether a name is that of a number, or of a table that the number is in.
 fn covers(name: &str, number: &str) -> bool {
-    let rest = number.strip_prefix(name);
-    rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    let suffix = number.strip_prefix(name);
+    suffix.is_some_and(|suffix| suffix.is_empty() || suffix.starts_with('.'))
 }
 
 #[cfg(test)]

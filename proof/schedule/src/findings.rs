@@ -3,11 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    Block, Count, Extent, Flaw, Function, Place, Report, Rule, Section, Stack, cause, config,
+    Block, Count, Extent, Flaw, Function, Place, Report, Rule, Section, Stack, busy_waits, config,
+    library_flaws,
     sections::{Held, UNKNOWN_CEILING},
     stack::{self, Depths, FLOAT_FRAME_BYTES, FRAME_BYTES},
     system::{Row, System, misconfigured},
-    waits,
 };
 
 /// Flaws of the code that a row may run.
@@ -15,13 +15,13 @@ pub(crate) fn of_row(system: &System<'_>, row: &Row, named: &BTreeMap<String, u6
     let wcets = system.wcets(row, named);
     let reached = wcets.reach(row.root);
     let all = system.program.functions();
-    let mut flaws = cause::flaws(system.program, &reached);
+    let mut flaws = library_flaws::flaws(system.program, &reached);
     flaws.extend(exempt_calls(system, &reached));
     let blocks = { reached.iter() }.filter_map(|at| all.get(at));
     flaws.extend(never_back(system, blocks.flat_map(|it| &it.blocks)));
     flaws.extend(float_above(system, row, &reached));
     for function in reached.iter().filter_map(|at| system.program.function(*at)) {
-        flaws.extend(waits::flaws(system.image, all, function, |_| true));
+        flaws.extend(busy_waits::flaws(system.image, all, function, |_| true));
         for looped in &function.loops {
             let bound = looped
                 .bound
@@ -132,8 +132,8 @@ fn of_code_of_section(system: &System<'_>, section: &Held) -> Vec<Flaw> {
     let is_own = |address: u32| {
         let mut blocks = section.blocks.iter().map(|block| &own.blocks[*block]);
         // What is not decoded is behind a block that has no other end.
-        let is_behind = |block: &Block| block.traps && address == block.end();
-        blocks.any(|block| (block.start()..block.end()).contains(&address) || is_behind(block))
+        let is_after_trap = |block: &Block| block.traps && address == block.end();
+        blocks.any(|block| (block.start()..block.end()).contains(&address) || is_after_trap(block))
     };
     let is_of_time = |flaw: &Flaw| {
         let is_of_rule = matches!(
@@ -150,18 +150,18 @@ fn of_code_of_section(system: &System<'_>, section: &Held) -> Vec<Flaw> {
     };
     let mut functions = section.reached.clone();
     functions.insert(section.function);
-    let mut flaws = cause::flaws(system.program, &functions);
+    let mut flaws = library_flaws::flaws(system.program, &functions);
     flaws.retain(is_of_time);
     let all = system.program.functions();
     for function in { section.reached.iter() }.filter_map(|at| all.get(at)) {
-        flaws.extend(waits::flaws(system.image, all, function, |_| true));
+        flaws.extend(busy_waits::flaws(system.image, all, function, |_| true));
     }
     let blocks = section.blocks.iter().map(|block| &own.blocks[*block]);
     let called = { section.reached.iter() }.filter_map(|at| all.get(at));
     let blocks = blocks.chain(called.flat_map(|function| &function.blocks));
     flaws.extend(never_back(system, blocks));
     let is_in_section = |block: usize| section.blocks.contains(&block);
-    flaws.extend(waits::flaws(system.image, all, own, is_in_section));
+    flaws.extend(busy_waits::flaws(system.image, all, own, is_in_section));
     for flaw in &mut flaws {
         let place = system.image.place(section.address);
         let begin = place.frames.first().map_or("", String::as_str);

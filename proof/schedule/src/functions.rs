@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     Flaw, Function, Image, Instruction, Operation, Rule, Store,
-    flow::{self, States},
     graph::Graph,
-    loops, saved,
+    loops, restored_masks,
+    value_analysis::{self, States},
     values::{State, Surroundings},
 };
 
@@ -86,8 +86,8 @@ pub(crate) fn describe(around: Surroundings<'_>, function: &mut Function, states
         stores,
         ..
     } = function;
-    *saved = saved::find(around, blocks, states);
-    flow::visit(around, blocks, states, |state, instruction| {
+    *saved = restored_masks::find(around, blocks, states);
+    value_analysis::visit(around, blocks, states, |state, instruction| {
         let at = instruction.address;
         if let Some((address, _)) = instruction.operation.access() {
             let value = state.address(address);

@@ -18,7 +18,7 @@ type Called = u64;
 /// Most functions that the modes of a task exclude together.
 const MOST: usize = 64;
 
-/// Ways through tasks that no mode has.
+/// Paths through tasks that no mode has.
 pub(crate) fn flaws(system: &System<'_>) -> Vec<Flaw> {
     let mut tasks: BTreeMap<&str, Vec<&Row>> = BTreeMap::new();
     for row in &system.rows {
@@ -50,7 +50,7 @@ fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
         let bits = bits.filter(|(_, function)| row.excluded.contains(function));
         bits.fold(0, |bits, (bit, _)| bits | 1 << bit)
     });
-    let mut ways = Ways {
+    let mut paths = CallPaths {
         functions: system.program.functions(),
         tagged: &tagged,
         excluded: excluded.collect(),
@@ -59,9 +59,9 @@ fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
         uncovered: None,
     };
     for root in rows[0].entries() {
-        ways.of(*root);
+        paths.of(*root);
     }
-    let (at, called) = ways.uncovered?;
+    let (at, called) = paths.uncovered?;
     let names = tagged.iter().enumerate();
     let names = names.filter(|(bit, _)| called >> bit & 1 == 1);
     let names: Vec<String> = names
@@ -80,7 +80,7 @@ fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
 }
 
 /// The ways through the functions of a task.
-struct Ways<'a> {
+struct CallPaths<'a> {
     functions: &'a Functions,
     tagged: &'a [u32],
     /// What each mode excludes.
@@ -92,7 +92,7 @@ struct Ways<'a> {
     uncovered: Option<(u32, Called)>,
 }
 
-impl Ways<'_> {
+impl CallPaths<'_> {
     /// What is called on the ways through a function, itself included.
     fn of(&mut self, address: u32) -> Vec<Called> {
         if let Some(known) = self.known.get(&address) {
@@ -115,20 +115,20 @@ impl Ways<'_> {
             let Some(block) = function.blocks.get(index) else {
                 continue;
             };
-            let mut behind = before[index].clone();
+            let mut after = before[index].clone();
             if let Some(call) = block.call.filter(|_| !block.traps) {
                 if self.never.contains(&call) {
                     continue;
                 }
                 let callee = self.of(call);
                 let at = block.instructions.last().map_or(0, |last| last.address);
-                behind = self.both(&behind, &callee, at);
+                after = self.both(&after, &callee, at);
             }
             if block.ends {
-                merge(&mut found, &behind);
+                merge(&mut found, &after);
             }
             for edge in &block.successors {
-                if merge(&mut before[edge.to], &behind) {
+                if merge(&mut before[edge.to], &after) {
                     work.insert(edge.to);
                 }
             }
@@ -199,7 +199,7 @@ mod tests {
         let functions = functions
             .map(|function| (function.address, function))
             .into();
-        let mut ways = Ways {
+        let mut paths = CallPaths {
             functions: &functions,
             tagged: &[FIRST, SECOND],
             excluded: vec![1, 2],
@@ -207,12 +207,12 @@ mod tests {
             known: BTreeMap::new(),
             uncovered: None,
         };
-        ways.of(0x0800_0000);
-        ways.uncovered.map(|(_, called)| called)
+        paths.of(0x0800_0000);
+        paths.uncovered.map(|(_, called)| called)
     }
 
     #[test]
-    fn two_ways_of_one_mode_each_are_covered_and_one_way_of_both_is_not() {
+    fn two_paths_of_one_mode_each_are_covered_and_one_path_of_both_is_not() {
         let fork: &[(u32, &[usize])] = &[(1, &[1, 2]), (1, &[3]), (1, &[3]), (1, &[])];
         assert_eq!(uncovered(fork, &[(1, FIRST), (2, SECOND)]), None);
         let through: &[(u32, &[usize])] = &[(1, &[1, 2]), (1, &[2]), (1, &[3]), (1, &[])];

@@ -59,7 +59,7 @@ struct Round {
     path: Vec<usize>,
     most: u64,
     /// Blocks of it are charged here only.
-    is_apart: bool,
+    counts_in_runs: bool,
 }
 
 impl Graph {
@@ -80,21 +80,21 @@ impl Graph {
             is_free: vec![false; self.costs.len()],
         };
         for rounds in &self.rounds {
-            let way = self.ways(&order, rounds.head, Some(&rounds.blocks), &found);
-            let round = self.round(rounds, &way);
+            let paths = self.path_costs(&order, rounds.head, Some(&rounds.blocks), &found);
+            let round = self.round(rounds, &paths);
             found.rounds.insert(rounds.head, round);
             let is_all = rounds.in_runs.contains(&rounds.head);
             for (block, is_free) in found.is_free.iter_mut().enumerate() {
                 *is_free |= rounds.in_runs.contains(&block) || is_all && rounds.blocks[block];
             }
         }
-        let ways = self.ways(&order, source, None, &found);
+        let paths = self.path_costs(&order, source, None, &found);
         let end = (0..self.costs.len())
             .filter(|block| self.ends[*block])
-            .filter_map(|block| ways[block].map(|(cost, _)| (cost, block)))
+            .filter_map(|block| paths[block].map(|(cost, _)| (cost, block)))
             .max()?;
         let mut counts = vec![0; self.costs.len()];
-        let path = back(&ways, end.1);
+        let path = back(&paths, end.1);
         expand(&mut counts, &found, &path, 1, None);
         let open = self.rounds.iter().filter(|rounds| rounds.most.is_none());
         let rounds = open.filter_map(|rounds| {
@@ -133,14 +133,14 @@ impl Graph {
 
     /// The longest way to each block from `start`, its own costs included, without back edges, and
     /// the block before. Only through blocks that `within` names.
-    fn ways(
+    fn path_costs(
         &self,
         order: &[usize],
         start: usize,
         within: Option<&Vec<bool>>,
         found: &Found,
     ) -> Vec<Option<(u64, usize)>> {
-        let mut ways: Vec<Option<(u64, usize)>> = vec![None; self.costs.len()];
+        let mut paths: Vec<Option<(u64, usize)>> = vec![None; self.costs.len()];
         let is_inside = |block: usize| within.is_none_or(|within| within[block]);
         // The rounds of a loop that is itself looked at are not part of a way round it.
         let extra = |block: usize| {
@@ -155,9 +155,9 @@ impl Graph {
                 self.costs[block] + extra(block)
             }
         };
-        ways[start] = Some((cost(start), start));
+        paths[start] = Some((cost(start), start));
         for &block in order {
-            let Some((way, _)) = ways[block] else {
+            let Some((so_far, _)) = paths[block] else {
                 continue;
             };
             for &(to, edge) in &self.edges[block] {
@@ -165,13 +165,13 @@ impl Graph {
                     continue;
                 }
                 let is_free = found.is_free[block] && found.is_free[to];
-                let new = way + if is_free { 0 } else { edge } + cost(to);
-                if ways[to].is_none_or(|(old, _)| old < new) {
-                    ways[to] = Some((new, block));
+                let new = so_far + if is_free { 0 } else { edge } + cost(to);
+                if paths[to].is_none_or(|(old, _)| old < new) {
+                    paths[to] = Some((new, block));
                 }
             }
         }
-        ways
+        paths
     }
 
     /// Whether an edge closes a loop.
@@ -180,13 +180,13 @@ impl Graph {
         loops.any(|rounds| rounds.head == to && rounds.blocks[from])
     }
 
-    fn round(&self, rounds: &Rounds, ways: &[Option<(u64, usize)>]) -> Round {
+    fn round(&self, rounds: &Rounds, paths: &[Option<(u64, usize)>]) -> Round {
         let blocks = (0..self.costs.len()).filter(|block| rounds.blocks[*block]);
         let mut longest = blocks
             .clone()
             .flat_map(|block| self.edges[block].iter().map(move |edge| (block, edge)))
             .filter(|(_, (to, _))| *to == rounds.head)
-            .filter_map(|(block, (_, cost))| ways[block].map(|(way, _)| (way + cost, block)))
+            .filter_map(|(block, (_, cost))| paths[block].map(|(path, _)| (path + cost, block)))
             .max();
         if !rounds.in_runs.is_empty() {
             let leaves = |block: &usize| {
@@ -194,23 +194,23 @@ impl Graph {
                 self.ends[*block] || edges.any(|(to, _)| !rounds.blocks[*to])
             };
             let last = blocks.filter(leaves);
-            let last = last.filter_map(|block| ways[block].map(|(way, _)| (way, block)));
+            let last = last.filter_map(|block| paths[block].map(|(path, _)| (path, block)));
             longest = longest.max(last.max());
         }
         Round {
             cost: longest.map_or(0, |(cost, _)| cost),
-            path: longest.map_or_else(Vec::new, |(_, block)| back(ways, block)),
+            path: longest.map_or_else(Vec::new, |(_, block)| back(paths, block)),
             most: rounds.most.unwrap_or(0),
-            is_apart: !rounds.in_runs.is_empty(),
+            counts_in_runs: !rounds.in_runs.is_empty(),
         }
     }
 }
 
 /// The blocks of the longest way to `end`.
-fn back(ways: &[Option<(u64, usize)>], end: usize) -> Vec<usize> {
+fn back(paths: &[Option<(u64, usize)>], end: usize) -> Vec<usize> {
     let mut path = vec![end];
     let mut block = end;
-    while let Some((_, before)) = ways[block].filter(|(_, before)| *before != block) {
+    while let Some((_, before)) = paths[block].filter(|(_, before)| *before != block) {
         path.push(before);
         block = before;
     }
@@ -221,8 +221,8 @@ fn back(ways: &[Option<(u64, usize)>], end: usize) -> Vec<usize> {
 /// Counts the blocks of a path, those of the rounds on it too, but for those of the loop `own`.
 fn expand(counts: &mut [u64], found: &Found, path: &[usize], times: u64, own: Option<usize>) {
     let own_round = own.and_then(|own| found.rounds.get(&own));
-    let is_apart = own_round.is_some_and(|round| round.is_apart);
-    let is_counted = |block: &&usize| is_apart || !found.is_free[**block];
+    let counts_in_runs = own_round.is_some_and(|round| round.counts_in_runs);
+    let is_counted = |block: &&usize| counts_in_runs || !found.is_free[**block];
     for block in path.iter().filter(is_counted) {
         counts[*block] += times;
         let round = found.rounds.get(block).filter(|_| own != Some(*block));
@@ -404,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_without_a_number_is_told_apart() {
+    fn a_loop_without_a_number_is_distinguished() {
         let longest = nested(None).longest().unwrap();
         assert_eq!(longest.cost, 1 + 10 + 5 * (10 + 3 + 100 + 3) + 1000);
         assert_eq!(longest.rounds[&2], (103, vec![0, 0, 1, 0]));
@@ -449,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_way_out_there_is_no_path() {
+    fn a_loop_without_an_exit_has_no_path() {
         let mut graph = nested(Some(1));
         graph.ends[3] = false;
         assert_eq!(graph.longest(), None);

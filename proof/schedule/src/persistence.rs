@@ -33,9 +33,9 @@ pub(crate) struct Share {
 impl Share {
     /// For warm tasks that have so many lines, beside so many of all that stay cached; `None` where
     /// they leave no room in the cache.
-    pub(crate) fn new(warm: usize, beside: usize, miss: u64) -> Option<Self> {
+    pub(crate) fn new(warm: usize, resident: usize, miss: u64) -> Option<Self> {
         let of_visit = warm as u64 * miss;
-        let room = CACHE_LINES.checked_sub(beside + IN_USE)?;
+        let room = CACHE_LINES.checked_sub(resident + IN_USE)?;
         (room > 0).then(|| Self {
             of_line: of_visit.div_ceil(room as u64),
             of_visit,
@@ -76,7 +76,7 @@ impl PersistentLoops {
             }
             let own = looped.blocks.iter().flat_map(|block| &touched[*block]);
             let own: BTreeSet<u32> = own.copied().collect();
-            let all = own.union(&wcets.beside).count();
+            let all = own.union(&wcets.resident_lines).count();
             if all > CACHE_LINES || !pays(wcets, looped, own.len(), all) {
                 continue;
             }
@@ -131,7 +131,7 @@ mod tests {
     };
 
     /// One loop of 20 rounds of 4 + 6 instructions, and code before and behind it.
-    fn bounds(beside: usize) -> [u64; 2] {
+    fn bounds(resident: usize) -> [u64; 2] {
         let shape: &[(u32, &[usize])] = &[(3, &[1]), (4, &[2, 3]), (6, &[1]), (2, &[])];
         let mut function = testing::function(shape);
         function.loops = vec![testing::counted(1, &[1, 2], &[2], 20)];
@@ -139,7 +139,7 @@ mod tests {
         let model = Model::new(&testing::CLOCK);
         let named = BTreeMap::new();
         let mut wcets = Wcets::new(&functions, &model, &named, BTreeSet::new());
-        wcets.beside = (0..beside as u32).collect();
+        wcets.resident_lines = (0..resident as u32).collect();
         wcets.share = SHARE;
         [Cache::Loops, Cache::Shared].map(|cache| wcets.bound(0x0800_0000, cache).unwrap().cycles())
     }
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_that_does_not_fit_beside_the_others_is_fetched_each_round() {
+    fn a_loop_that_does_not_fit_with_the_resident_lines_is_fetched_each_round() {
         let alone = 3 + 10 + 21 * (4 + 10) + 20 * (6 + 10) + 2 + 5 + 3;
         assert_eq!(bounds(61), [alone, alone + 3 * (2 + 21 * 2 + 20 * 2 + 1)]);
     }

@@ -273,7 +273,7 @@ mod tests {
     use crate::testing;
 
     #[test]
-    fn what_is_not_known_must_be_overwritten_on_each_way() {
+    fn an_unknown_value_must_be_overwritten_on_every_path() {
         // 0: unknown; 1 or 2; 3: the end.
         let shape: &[(u32, &[usize])] = &[(2, &[1, 2]), (2, &[3]), (2, &[3]), (2, &[])];
         let mut function = testing::function(shape);

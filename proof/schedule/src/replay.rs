@@ -29,7 +29,7 @@ use crate::{Instruction, Operation, Region, model};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Contradiction {
     /// From one instruction to another.
-    Way(u32, u32),
+    Step(u32, u32),
     /// From an instruction into code that is not analysed.
     Left(u32, u32),
     /// The head of a loop.
@@ -300,7 +300,7 @@ impl Checker {
             }
             Err(()) => note(
                 &mut self.found,
-                Contradiction::Way(site.address, to.address),
+                Contradiction::Step(site.address, to.address),
             ),
         }
         is_jump
@@ -353,7 +353,7 @@ impl Checker {
             (head, what)
         };
         match contradiction {
-            Contradiction::Way(from, to) => (
+            Contradiction::Step(from, to) => (
                 from,
                 format!(
                     "{from:#010x} is followed by {to:#010x}, which the static graph does not know"
@@ -430,13 +430,13 @@ fn step(
     if site.next.is_some() {
         return Err(());
     }
-    let mut ways = &node.ways;
+    let mut steps = &node.steps;
     if site.is_return
         && let Some(call) = activation.calls.last()
         && graph.sites[call.site].end == target.address
     {
         let caller = graph.sites[call.site].node.ok_or(())?;
-        ways = &graph.nodes[caller].ways;
+        steps = &graph.nodes[caller].steps;
         activation.come_back();
     } else if node.call == Some(target.address) {
         if site.instruction.as_ref().is_some_and(is_call) {
@@ -447,9 +447,9 @@ fn step(
         }
         return Ok(activation.count_call(target));
     }
-    let way = ways.iter().find(|way| way.to == to).ok_or(())?;
-    activation.enter(&way.enters);
-    Ok(activation.run_again(&way.again, graph))
+    let step = steps.iter().find(|step| step.to == to).ok_or(())?;
+    activation.enter(&step.enters);
+    Ok(activation.run_again(&step.again, graph))
 }
 
 fn note_excess(found: &mut BTreeMap<Contradiction, u64>, excess: Option<Excess>) {

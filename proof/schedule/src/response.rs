@@ -19,7 +19,7 @@ use crate::{
     Point, SubstitutedRuns, Wcet,
     model::{CACHE_LINES, OUTSTANDING_TRANSFER, RESTART, RETRY},
     persistent_window::PersistentCost,
-    preempting::{PreemptingTasks, Streams},
+    preempting_tasks::{PreemptingTasks, Streams},
     row_demand::RowDemand,
     rta::{Arrival, Demand, Load},
     substitution::{Substitution, SubstitutionCost},
@@ -344,10 +344,10 @@ impl<'a> Window<'a> {
                 all.push(found(response, self.cost(Kind::Warm), "persistent"));
             }
             let preempting = self.preempting();
-            for beside in 1..=preempting.len() {
-                let warm = 0..=beside;
-                let found =
-                    warm.filter_map(|it| self.with_persistent_loops(&preempting, it, beside - it));
+            for resident in 1..=preempting.len() {
+                let warm = 0..=resident;
+                let found = warm
+                    .filter_map(|it| self.with_persistent_loops(&preempting, it, resident - it));
                 all.extend(found);
             }
         }

@@ -134,13 +134,13 @@ impl RowDemand {
         &self,
         system: &System<'_>,
         named: &BTreeMap<String, u64>,
-        beside: &ResidentTasks,
+        resident: &ResidentTasks,
     ) -> Option<(Vec<(Arrival, PersistentCost)>, u64)> {
-        let (all, visit) = system.persistent_cost(self.row, named, beside)?;
+        let (all, visit) = system.persistent_cost(self.row, named, resident)?;
         let Some(units) = &self.units else {
             return Some((vec![(self.arrival, all)], visit));
         };
-        let (none, _) = system.persistent_cost(self.row, &units.without, beside)?;
+        let (none, _) = system.persistent_cost(self.row, &units.without, resident)?;
         let alone = units.split(none.alone, all.alone);
         let cycles = units.split(none.all, all.all);
         let parts = self.parts.iter().enumerate().map(|(index, part)| {

@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_dispatchers_are_told() {
+    fn too_few_dispatchers_are_reported() {
         let source = SOURCE.replace("I2C2_EV, ", "");
         assert_eq!(
             App::parse(&source),

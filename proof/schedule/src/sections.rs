@@ -251,9 +251,9 @@ fn holds(function: &Function, extent: &Extent, address: u32) -> bool {
     let mut blocks = extent.blocks.iter();
     blocks.any(|block| {
         let mut instructions = function.blocks[*block].instructions.iter();
-        let is_behind =
+        let follows_restore =
             *block != extent.block || address > extent.address || extent.is_entered_again;
-        is_behind && instructions.any(|it| it.address == address)
+        follows_restore && instructions.any(|it| it.address == address)
     })
 }
 

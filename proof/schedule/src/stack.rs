@@ -59,19 +59,19 @@ impl<'a> Depths<'a> {
     pub(crate) fn under_tasks(mut self, function: &Function) -> Self {
         let opens = |block: &Block| (block.instructions.iter()).any(|it| lets_in(function, it));
         let from = (0..function.blocks.len()).filter(|at| opens(&function.blocks[*at]));
-        let mut behind: BTreeSet<usize> = BTreeSet::new();
+        let mut beyond: BTreeSet<usize> = BTreeSet::new();
         let mut work: Vec<usize> = from.collect();
         if work.is_empty() {
             return self;
         }
         while let Some(block) = work.pop() {
-            if behind.insert(block) {
+            if beyond.insert(block) {
                 work.extend(function.blocks[block].successors.iter().map(|edge| edge.to));
             }
         }
         for (at, block) in function.blocks.iter().enumerate() {
             let is_quiet = |call| self.is_quiet(call, &mut BTreeSet::new());
-            if !behind.contains(&at) && block.call.is_some_and(is_quiet) {
+            if !beyond.contains(&at) && block.call.is_some_and(is_quiet) {
                 self.left_out.insert((function.address, at));
             }
         }
@@ -389,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_the_stack_by_an_unknown_number_is_told() {
+    fn what_moves_the_stack_by_an_unknown_number_is_reported() {
         let (mut functions, none) = (functions(), BTreeMap::new());
         let inner = functions.get_mut(&0x0900_0000).unwrap();
         inner.blocks[0].instructions[0].operation = Operation::Plain { writes: 1 << SP };

@@ -9,10 +9,9 @@
 use std::{collections::BTreeSet, rc::Rc};
 
 use crate::{
-    Config, Flaw, Function, Image, Instruction, Loop, Operation, Program, Region, Rule,
+    Config, Flaw, Function, Image, Instruction, Loop, Operation, Program, Region, Rule, busy_waits,
     config::{Startup, Watchdog, is_named},
     system::misconfigured,
-    waits,
 };
 
 /// `IWDG_KR`, which starts and feeds the watchdog: RM0090 21.4.1.
@@ -35,7 +34,7 @@ pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     let watchdog = watchdog.flat_map(|watchdog| of_watchdog(program, watchdog));
     let mut flaws: Vec<_> = startup.chain(watchdog).collect();
     flaws.extend(missing(program, config));
-    flaws.extend(strangers(program, config));
+    flaws.extend(missing_functions(program, config));
     flaws
 }
 
@@ -63,7 +62,7 @@ fn missing(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
 }
 
 /// Functions that the two tables name for every program, and this one lacks.
-fn strangers(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
+fn missing_functions(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     let before = { config.startup.iter() }
         .flat_map(|startup| &startup.before)
         .map(|name| ("`before` of [startup]", name));
@@ -76,8 +75,8 @@ fn strangers(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
         return Vec::new();
     }
     let names = names(program);
-    let strangers = named.filter(|(_, name)| !names.iter().any(|full| is_named(full, name)));
-    let flaws = strangers.map(|(list, name)| {
+    let missing = named.filter(|(_, name)| !names.iter().any(|full| is_named(full, name)));
+    let flaws = missing.map(|(list, name)| {
         misconfigured(
             format!("{list} names `{name}`, which is no function of the program"),
             "Correct the name, take it out, or say which programs have it.",
@@ -307,7 +306,8 @@ pub(crate) fn feeds(function: &Function, one: &Loop, watchdog: &Watchdog) -> boo
         .collect();
     one.blocks.iter().any(|&block| {
         let mut own = function.blocks[block].instructions.iter();
-        own.any(|it| feeds.contains(&it.address)) && waits::is_on_each_way(function, one, block)
+        own.any(|it| feeds.contains(&it.address))
+            && busy_waits::is_on_every_path(function, one, block)
     })
 }
 
@@ -322,7 +322,7 @@ fn may_last(function: &Function, one: &Loop) -> bool {
         let mut own = function.blocks[block].instructions.iter();
         own.any(|it| it.operation == Operation::Wait)
     });
-    !has_end || sleeps || waits::polls(function, one)
+    !has_end || sleeps || busy_waits::polls(function, one)
 }
 
 fn is_excused(image: &Image, watchdog: &Watchdog, head: u32, name: &str) -> bool {

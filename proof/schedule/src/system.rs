@@ -339,18 +339,18 @@ impl<'a> System<'a> {
         &self,
         row: usize,
         named: &BTreeMap<String, u64>,
-        beside: &ResidentTasks,
+        resident: &ResidentTasks,
     ) -> Option<(PersistentCost, u64)> {
         let values = self.used[row]
             .iter()
             .map(|name| named.get(name).copied().unwrap_or(u64::MAX));
-        let key = (row, values.collect(), beside.rows.clone(), beside.share);
+        let key = (row, values.collect(), resident.rows.clone(), resident.share);
         if let Some(known) = self.persistent_costs.borrow().get(&key) {
             return *known;
         }
         let mut wcets = self.wcets(&self.rows[row], named);
-        wcets.beside.clone_from(&beside.lines);
-        wcets.share = beside.share;
+        wcets.resident_lines.clone_from(&resident.lines);
+        wcets.share = resident.share;
         let cost = self.compute_persistent_cost(&self.rows[row], &wcets);
         self.persistent_costs.borrow_mut().insert(key, cost);
         cost

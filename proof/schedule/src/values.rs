@@ -8,10 +8,10 @@
 //! too, where a jump table would lead to a trap.)
 //! `--replay` checks the outcome.
 
-mod execute;
 mod flags;
 mod memory;
 mod state;
+mod transfer;
 
 pub(crate) use flags::Flags;
 pub(crate) use memory::{sources, targets};
@@ -150,7 +150,7 @@ impl Value {
     }
 
     /// Where it is behind what the function was called with in a register: which, and how far.
-    pub(crate) const fn behind_argument(self) -> Option<(u8, i32)> {
+    pub(crate) const fn argument_offset(self) -> Option<(u8, i32)> {
         match self {
             Self::From {
                 base: Base::Entry(register),
@@ -162,7 +162,7 @@ impl Value {
     }
 
     /// Whether it is what was loaded from behind an argument, so far.
-    pub(crate) fn is_from_behind(self, register: u8, distance: i32) -> bool {
+    pub(crate) fn is_loaded_from_argument(self, register: u8, distance: i32) -> bool {
         let place = Base::Behind(register, distance);
         matches!(self, Self::From { base, offset: 0, .. } if base == place)
     }

@@ -13,7 +13,7 @@ use std::{
 
 use crate::{
     Block, Cache, Count, Function, Instruction, Loop, Model, Region,
-    budget::{Budget, Budgets, CALLS, Open, add_open, budget, is_on_each_way},
+    budget::{Budget, Budgets, CALLS, Open, add_open, budget, is_on_every_path},
     model::{self, CACHE_LINES},
     paths::{Graph, Longest, Rounds},
     persistence::{PersistentLoops, Share},
@@ -55,7 +55,7 @@ pub(crate) struct Wcets<'a> {
     pub(crate) limited: BTreeMap<u32, Option<u64>>,
     /// Lines that are used besides while a loop is persistent in the cache: of the tasks that
     /// preempt it.
-    pub(crate) beside: BTreeSet<u32>,
+    pub(crate) resident_lines: BTreeSet<u32>,
     /// What code outside of such loops costs these.
     pub(crate) share: Share,
     /// Named bounds that are looked at with several values.
@@ -78,7 +78,7 @@ impl<'a> Wcets<'a> {
             named,
             excluded,
             limited: BTreeMap::new(),
-            beside: BTreeSet::new(),
+            resident_lines: BTreeSet::new(),
             share: Share::default(),
             varied: BTreeSet::new(),
             bounds: RefCell::default(),
@@ -146,7 +146,7 @@ impl<'a> Wcets<'a> {
                 .map_or(0, |block| self.fetches(block)),
             Cache::Loops | Cache::Shared => {
                 let persistent = self.persistent_loops(function);
-                self.way(function, &persistent, cache, None, 0, false)
+                self.edge_cost(function, &persistent, cache, None, 0, false)
             }
         }
     }
@@ -164,7 +164,7 @@ impl<'a> Wcets<'a> {
     }
 
     /// What the way into a block costs apart from the block, with persistent loops.
-    fn way(
+    fn edge_cost(
         &self,
         function: &Function,
         persistent: &PersistentLoops,
@@ -234,7 +234,7 @@ impl<'a> Wcets<'a> {
             let edges = edges.filter(|edge| !is_out && is_wanted(edge.to));
             let edges = edges.map(|edge| {
                 if let Some(persistent) = &persistent {
-                    let way = self.way(
+                    let cost = self.edge_cost(
                         function,
                         persistent,
                         cache,
@@ -242,7 +242,7 @@ impl<'a> Wcets<'a> {
                         edge.to,
                         edge.is_taken,
                     );
-                    return (edge.to, way);
+                    return (edge.to, cost);
                 }
                 let mut cost = if edge.is_taken {
                     self.model.refill()
@@ -283,7 +283,7 @@ impl<'a> Wcets<'a> {
         };
         let blocks = 0..function.blocks.len();
         let in_runs = looped.total.as_ref().map(|total| &total.in_runs);
-        let in_runs = in_runs.filter(|in_runs| is_on_each_way(function, looped, in_runs));
+        let in_runs = in_runs.filter(|in_runs| is_on_every_path(function, looped, in_runs));
         Some(Rounds {
             head: looped.head,
             blocks: blocks.map(|block| looped.blocks.contains(&block)).collect(),
@@ -393,18 +393,18 @@ impl<'a> Wcets<'a> {
     }
 
     /// How often each block of each function is executed on the worst path of a root.
-    pub(crate) fn executions(&self, root: u32, cache: Cache) -> BTreeMap<(u32, usize), u64> {
-        let mut executions = BTreeMap::new();
+    pub(crate) fn block_counts(&self, root: u32, cache: Cache) -> BTreeMap<(u32, usize), u64> {
+        let mut block_counts = BTreeMap::new();
         let Some(bound) = self.bound(root, cache) else {
-            return executions;
+            return block_counts;
         };
-        self.count(root, cache, 1, None, &mut executions);
+        self.count(root, cache, 1, None, &mut block_counts);
         for one in bound.open.values() {
             let (address, head) = one.place;
             let round = Some(head).filter(|head| *head != CALLS);
-            self.count(address, cache, one.times, round, &mut executions);
+            self.count(address, cache, one.times, round, &mut block_counts);
         }
-        executions
+        block_counts
     }
 
     /// Counts a path of a function so many times: the longest, or the longest round of a loop.
@@ -414,7 +414,7 @@ impl<'a> Wcets<'a> {
         cache: Cache,
         times: u64,
         round: Option<usize>,
-        executions: &mut BTreeMap<(u32, usize), u64>,
+        block_counts: &mut BTreeMap<(u32, usize), u64>,
     ) {
         let Some(bound) = self.bound(address, cache) else {
             return;
@@ -425,7 +425,7 @@ impl<'a> Wcets<'a> {
         };
         let counts = counts.into_iter().flatten().enumerate();
         for (block, count) in counts.filter(|(_, count)| **count > 0) {
-            *executions.entry((address, block)).or_default() += times * count;
+            *block_counts.entry((address, block)).or_default() += times * count;
             let function = self.functions.get(&address);
             let block = function.and_then(|function| function.blocks.get(block));
             let call = block
@@ -434,7 +434,7 @@ impl<'a> Wcets<'a> {
             let is_counted =
                 |call: &u32| !self.excluded.contains(call) && !self.limited.contains_key(call);
             if let Some(call) = call.filter(is_counted) {
-                self.count(call, cache, times * count, None, executions);
+                self.count(call, cache, times * count, None, block_counts);
             }
         }
     }
@@ -548,11 +548,11 @@ mod tests {
     fn an_excluded_function_is_never_called() {
         let mut functions = caller(None);
         let outer = functions.get_mut(&0x0800_0000).unwrap();
-        let way = Edge {
+        let edge = Edge {
             to: 2,
             is_taken: false,
         };
-        outer.blocks[0].successors.push(way);
+        outer.blocks[0].successors.push(edge);
         assert_eq!(bound(&functions, &[], &[0x0900_0000]), Some(4 + 3 + 3));
     }
 
@@ -578,7 +578,7 @@ mod tests {
         let uncached = wcets.bound(0x0900_0000, Cache::Uncached).unwrap().cycles();
         // Blocks of 10, 14 and 2 bytes, with 12 bytes fetched ahead: two, two and one line.
         assert_eq!(uncached, warm + 5 * (2 + 4 * 2 + 1));
-        let executions = wcets.executions(0x0800_0000, Cache::Warm);
-        assert_eq!(executions[&(0x0900_0000, 1)], 44);
+        let block_counts = wcets.block_counts(0x0800_0000, Cache::Warm);
+        assert_eq!(block_counts[&(0x0900_0000, 1)], 44);
     }
 }

@@ -22,7 +22,7 @@ pub(crate) fn of(
     }
     let wcets = system.wcets(row, named);
     let mut lines: BTreeMap<(String, u32, String), (u64, u64)> = BTreeMap::new();
-    for ((address, block), count) in wcets.executions(row.root, cache) {
+    for ((address, block), count) in wcets.block_counts(row.root, cache) {
         let Some(function) = system.program.function(address) else {
             continue;
         };

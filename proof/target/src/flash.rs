@@ -167,12 +167,12 @@ mod tests {
         std::fs::write(&elf, file).unwrap();
         let board = firmware::boards::named("btt-skr-2").unwrap();
         let error = start(&board, None, &elf).err().unwrap();
-        let told = format!("{error:#}");
+        let message = format!("{error:#}");
         assert!(
-            told.contains(
+            message.contains(
                 "8 bytes of the program, 0x08007ff8 to 0x08007fff, lie in the bootloader"
             ),
-            "{told}"
+            "{message}"
         );
     }
 }

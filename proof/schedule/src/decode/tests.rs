@@ -79,7 +79,7 @@ fn interrupts_are_switched_by_the_masks_that_are_named() {
 }
 
 #[test]
-fn returns_are_told_from_other_jumps() {
+fn returns_are_distinguished_from_other_jumps() {
     let is_return = |first, second| decode(first, second).unwrap().is_return();
     assert!(is_return(0x4770, 0)); // bx lr
     assert!(is_return(0xbd10, 0)); // pop {r4, pc}

@@ -53,7 +53,7 @@ pub(super) struct Site {
 }
 
 /// A way out of a block.
-pub(super) struct Way {
+pub(super) struct Step {
     /// Number of the instruction it leads to.
     pub(super) to: usize,
     /// Loops that are entered, and those that are run again.
@@ -65,7 +65,7 @@ pub(super) struct Way {
 pub(super) struct Node {
     /// The function that its last instruction calls or jumps to.
     pub(super) call: Option<u32>,
-    pub(super) ways: Vec<Way>,
+    pub(super) steps: Vec<Step>,
     /// When it begins a function: the loops that begin there.
     pub(super) begins: Vec<usize>,
 }
@@ -107,7 +107,7 @@ impl Graph {
         }
         let mut first_node = 0;
         for function in plan.functions.values() {
-            graph.add_ways(function, first_node, &plan.named)?;
+            graph.add_steps(function, first_node, &plan.named)?;
             first_node += function.blocks.len();
         }
         for (task, root) in plan.roots.iter().enumerate() {
@@ -163,7 +163,7 @@ impl Graph {
             let node = self.nodes.len();
             self.nodes.push(Node {
                 call: block.call,
-                ways: Vec::new(),
+                steps: Vec::new(),
                 begins: Vec::new(),
             });
             let count = block.instructions.len();
@@ -190,7 +190,7 @@ impl Graph {
     }
 
     /// Adds the ways and the loops of a function whose blocks are the nodes from `first` on.
-    fn add_ways(
+    fn add_steps(
         &mut self,
         function: &Function,
         first: usize,
@@ -215,7 +215,7 @@ impl Graph {
             rings.filter(move |(_, ring)| ring.head == block)
         };
         for (index, block) in function.blocks.iter().enumerate() {
-            let mut ways = Vec::new();
+            let mut steps = Vec::new();
             for edge in &block.successors {
                 let to = start(&function.blocks[edge.to]);
                 let part = |inside: bool| {
@@ -224,13 +224,13 @@ impl Graph {
                         .map(|(ring, _)| first_ring + ring)
                         .collect()
                 };
-                ways.push(Way {
+                steps.push(Step {
                     to: self.find(to).ok_or("a block that is nowhere")?,
                     enters: part(false),
                     again: part(true),
                 });
             }
-            self.nodes[first + index].ways = ways;
+            self.nodes[first + index].steps = steps;
         }
         if let Some(node) = self.nodes.get_mut(first) {
             node.begins = headed(0).map(|(ring, _)| first_ring + ring).collect();

@@ -205,7 +205,7 @@ fn an_activation_costs_what_the_table_says() {
 }
 
 #[test]
-fn a_loop_that_exceeds_its_bound_is_told_with_its_place() {
+fn a_loop_that_exceeds_its_bound_is_reported_with_its_place() {
     assert_eq!(run(&mut checker(2), &activation(2)).violations, []);
     let summary = run(&mut checker(1), &activation(2));
     let violation = &summary.violations[0];
@@ -219,7 +219,7 @@ fn a_loop_that_exceeds_its_bound_is_told_with_its_place() {
 }
 
 #[test]
-fn a_loop_that_exceeds_its_total_is_told() {
+fn a_loop_that_exceeds_its_total_is_reported() {
     let summary = run(&mut checker(9), &activation(5));
     let violation = &summary.violations[0];
     assert_eq!(
@@ -254,7 +254,7 @@ fn a_bound_without_a_value_is_refused() {
 }
 
 #[test]
-fn a_step_that_the_graph_does_not_know_is_told() {
+fn a_step_that_the_graph_does_not_know_is_reported() {
     let mut addresses = activation(0);
     addresses.remove(3);
     let summary = run(&mut checker(2), &addresses);
@@ -268,14 +268,14 @@ fn a_step_that_the_graph_does_not_know_is_told() {
 }
 
 #[test]
-fn code_that_is_not_analysed_is_told() {
+fn code_that_is_not_analysed_is_reported() {
     let summary = run(&mut checker(2), &[IDLE, HANDLER, IDLE, IDLE + 2]);
     assert_eq!(summary.violations.len(), 1);
     assert!(summary.violations[0].what.contains("is not analysed"));
 }
 
 #[test]
-fn an_access_to_another_region_is_told() {
+fn an_access_to_another_region_is_reported() {
     let mut checker = checker(2);
     let number = checker.site(HANDLER + 10, || None);
     run(&mut checker, &activation(0)[..8]);
@@ -291,7 +291,7 @@ fn an_access_to_another_region_is_told() {
 }
 
 #[test]
-fn a_word_that_is_at_no_multiple_of_four_is_told() {
+fn a_word_that_is_at_no_multiple_of_four_is_reported() {
     for (address, words) in [(0x2000_0004, 0), (0x2000_0006, 1)] {
         let mut checker = checker(2);
         let number = checker.site(HANDLER + 10, || None);
@@ -299,9 +299,9 @@ fn a_word_that_is_at_no_multiple_of_four_is_told() {
         checker.execute(number);
         checker.touch(number, address);
         let violations = checker.summary(|_| Vec::new()).violations;
-        let mut told = violations.iter();
+        let mut found = violations.iter();
         assert_eq!(violations.len(), words);
-        assert!(told.all(|it| it.what.contains("no multiple of its length")));
+        assert!(found.all(|it| it.what.contains("no multiple of its length")));
     }
 }
 

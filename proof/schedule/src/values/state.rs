@@ -105,7 +105,7 @@ impl State {
                 .collect();
         }
         for register in 0..ARGUMENTS {
-            for (offset, region) in self.behind(self.get(register)) {
+            for (offset, region) in self.pointee_regions(self.get(register)) {
                 state.given.insert((register, offset), region);
             }
         }
@@ -113,12 +113,12 @@ impl State {
     }
 
     /// The memory that words behind a pointer point into, by their distance.
-    fn behind(&self, pointer: Value) -> Vec<(i32, Region)> {
+    fn pointee_regions(&self, pointer: Value) -> Vec<(i32, Region)> {
         let mut found = Vec::new();
         if let Some(start) = pointer.in_frame() {
             let slots = self.slots.range(start..start.saturating_add(DESCRIBED));
             found.extend(slots.map(|(slot, value)| (slot - start, value.region())));
-        } else if let Some((register, start)) = pointer.behind_argument() {
+        } else if let Some((register, start)) = pointer.argument_offset() {
             let end = start.saturating_add(DESCRIBED);
             let given = self.given.range((register, start)..(register, end));
             found.extend(given.map(|(&(_, offset), &region)| (offset - start, region)));
@@ -177,7 +177,7 @@ impl State {
         if !instruction.in_if_then || matches!(instruction.operation, Operation::Jump(_)) {
             self.settle();
             if !matches!(instruction.operation, Operation::Jump(_)) {
-                self.execute(around, instruction);
+                self.transfer(around, instruction);
             }
             return;
         }
@@ -188,7 +188,7 @@ impl State {
         }
         if self.otherwise.is_none() {
             match self.flags.holds(condition) {
-                Some(true) => return self.execute(around, instruction),
+                Some(true) => return self.transfer(around, instruction),
                 Some(false) => return,
                 None => {
                     let state = self.clone();
@@ -213,9 +213,9 @@ impl State {
             return;
         }
         if is_here {
-            self.execute(around, instruction);
+            self.transfer(around, instruction);
         } else {
-            other.state.execute(around, instruction);
+            other.state.transfer(around, instruction);
         }
         self.otherwise = Some(other);
         if instruction.sets_flags {

@@ -115,7 +115,7 @@ fn a_match_through_a_table_has_all_its_arms() {
 }
 
 #[test]
-fn constants_behind_a_table_are_no_entries_of_it() {
+fn constants_after_a_table_are_no_entries_of_it() {
     let (image, annotations) = or_skip!(read(
         "core::arch::global_asm!(
             \".section .text.picked, \\\"ax\\\"\",
@@ -137,11 +137,11 @@ fn constants_behind_a_table_are_no_entries_of_it() {
         unsafe extern \"C\" { fn picked(way: u32) -> u32; }
         fn task() { output(unsafe { picked(input() & 1) }); }",
     ));
-    assert_has_two_ways(&image, &annotations);
+    assert_has_two_targets(&image, &annotations);
 }
 
 /// That `picked` is understood, and goes two ways.
-fn assert_has_two_ways(image: &Image, annotations: &Annotations) {
+fn assert_has_two_targets(image: &Image, annotations: &Annotations) {
     let program = Program::new(image, annotations);
     assert_eq!(flaws(&program), []);
     let picked = image.symbol("picked").expect("it is linked") & !1;
@@ -179,7 +179,7 @@ fn picked_by_register(before: &str, behind: &str) -> Option<(Image, Annotations)
 #[test]
 fn a_table_may_lie_where_a_register_points() {
     let (image, annotations) = or_skip!(picked_by_register("nop", "nop"));
-    assert_has_two_ways(&image, &annotations);
+    assert_has_two_targets(&image, &annotations);
 }
 
 #[test]
@@ -193,8 +193,8 @@ fn a_table_that_another_register_may_point_to_is_unknown() {
         let (image, annotations) = or_skip!(picked_by_register(before, behind));
         let program = Program::new(&image, &annotations);
         let flaws = flaws(&program);
-        let is_told = flaws.iter().any(|(rule, _)| *rule == Rule::IndirectCall);
-        assert!(is_told, "{before}, {behind}: {flaws:?}");
+        let is_reported = flaws.iter().any(|(rule, _)| *rule == Rule::IndirectCall);
+        assert!(is_reported, "{before}, {behind}: {flaws:?}");
     }
 }
 

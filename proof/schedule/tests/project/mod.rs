@@ -131,7 +131,7 @@ impl Project {
 }
 
 /// The flaws of this rule at some lines of the application.
-pub(crate) fn told_at(
+pub(crate) fn flaws_at(
     flaws: &[Flaw],
     rule: Rule,
     lines: std::ops::RangeInclusive<usize>,
@@ -157,7 +157,7 @@ pub(crate) fn assert_caught(
     rule: Rule,
     lines: std::ops::RangeInclusive<usize>,
 ) -> &Flaw {
-    let found = told_at(flaws, rule, lines.clone()).next();
+    let found = flaws_at(flaws, rule, lines.clone()).next();
     let flaw = found.unwrap_or_else(|| panic!("no {rule:?} at lines {lines:?} in {flaws:#?}"));
     assert!(!flaw.what.is_empty() && !flaw.remedy.is_empty(), "{flaw:?}");
     flaw

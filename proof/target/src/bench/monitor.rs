@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn memory_is_told_from_the_monitors_echo() {
+    fn memory_is_distinguished_from_the_monitors_echo() {
         let line = "0000000020000010: 0x00000001 0xffffffff\r\n";
         assert_eq!(parse(line, 0x2000_0010), Some([1, u32::MAX]));
         assert_eq!(parse(line, 0x2000_0014), None);

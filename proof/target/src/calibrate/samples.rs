@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_off_or_makes_no_sense_is_refused() {
+    fn a_truncated_or_meaningless_sample_is_refused() {
         for (text, reason) in [
             ("sample divide udiv 32 380 384\n", "not come to its end"),
             ("", "not come to its end"),

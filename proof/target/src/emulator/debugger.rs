@@ -166,9 +166,9 @@ mod tests {
                 qemu.read_exact(&mut heard).unwrap();
                 assert_eq!(String::from_utf8_lossy(&heard), hears);
             }
-            let mut rest = Vec::new();
-            qemu.read_to_end(&mut rest).unwrap();
-            assert_eq!(String::from_utf8_lossy(&rest), "");
+            let mut output = Vec::new();
+            qemu.read_to_end(&mut output).unwrap();
+            assert_eq!(String::from_utf8_lossy(&output), "");
         };
         (ours, thread::spawn(play))
     }

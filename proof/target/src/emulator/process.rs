@@ -167,7 +167,7 @@ impl Emulator {
 
     /// The serial line, for another to use, who has to read it at all times.
     pub fn line(&mut self) -> Result<OwnedFd> {
-        self.serial.give_away()
+        self.serial.hand_over()
     }
 
     /// Mounts switches and a plate for the probe.

@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn latency_execution_and_response_are_told_apart() {
+    fn latency_execution_and_response_are_distinguished() {
         let tasks = measure(Clock::CHIP, 1);
         let [step, prepare] = tasks.as_slice() else {
             panic!("{tasks:?}");
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn the_emulators_time_is_told_in_instructions() {
+    fn the_emulators_time_is_reported_in_instructions() {
         let tasks = measure(Clock::EMULATOR, Clock::NS_PER_INSTRUCTION as u32);
         assert_eq!(tasks[0].execution.summary().max, 60);
         assert_eq!(tasks[1].execution.summary().max, 1000 - 60);

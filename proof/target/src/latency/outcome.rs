@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_maximum_above_its_bound_is_seen_and_told() {
+    fn a_maximum_above_its_bound_is_seen_and_reported() {
         let outcome = outcome(300, Some(310), Clock::CHIP);
         assert!(outcome.is_refuted());
         assert!(outcome.table().contains("14 above"), "{}", outcome.table());
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn the_emulators_latency_stands_beside_its_bound_without_a_verdict() {
+    fn the_emulators_latency_is_shown_with_its_bound_without_a_verdict() {
         let outcome = outcome(300, Some(310), Clock::EMULATOR);
         assert!(!outcome.is_refuted());
         assert!(outcome.table().contains("(810)"), "{}", outcome.table());
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn dropped_records_and_missing_bounds_are_told() {
+    fn dropped_records_and_missing_bounds_are_reported() {
         let outcome = outcome(300, None, Clock::CHIP);
         assert!(!outcome.is_refuted());
         assert!(outcome.notes().contains("3 activations, 2 not recorded"));

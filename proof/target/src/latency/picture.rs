@@ -52,8 +52,12 @@ pub(crate) fn draw(path: &Path, outcome: &Outcome) -> Result<()> {
             let each = tasks.iter().filter_map(|measured| quantity(measured, name));
             scale(each)
         });
-        let cuts: Vec<_> = rows.iter().map(|end| end * PX).collect();
-        for (row, measured) in body.split_by_breakpoints([0; 0], cuts).iter().zip(&tasks) {
+        let row_ends: Vec<_> = rows.iter().map(|end| end * PX).collect();
+        for (row, measured) in body
+            .split_by_breakpoints([0; 0], row_ends)
+            .iter()
+            .zip(&tasks)
+        {
             let (names, charts) = row.split_horizontally(NAMES * PX);
             draw_name(&names, measured)?;
             let half = (WIDTH - NAMES) / 2;

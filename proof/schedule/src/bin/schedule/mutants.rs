@@ -57,8 +57,8 @@ struct Tally {
 
 /// Builds and analyses so many mutants; whether all were found.
 pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result<bool> {
-    let mut workshop = Workshop::new(board)?;
-    let sites = workshop.sites()?;
+    let mut builder = MutantBuilder::new(board)?;
+    let sites = builder.sites()?;
     let mut draws: Vec<Draw<'_>> = { FAULTS.iter().enumerate() }
         .map(|(index, fault)| Draw::new(&sites, fault, seed.wrapping_add(index as u64)))
         .collect();
@@ -66,7 +66,7 @@ pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result
     for number in 0..count {
         let kind = number % FAULTS.len();
         let fault = &FAULTS[kind];
-        let Some((site, outcome)) = next(&mut workshop, fault, &mut draws[kind])? else {
+        let Some((site, outcome)) = next(&mut builder, fault, &mut draws[kind])? else {
             continue;
         };
         let tally = &mut tallies[kind];
@@ -86,13 +86,13 @@ pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result
 
 /// The next mutant of a kind that is one: where the fault is, and what became of it.
 fn next(
-    workshop: &mut Workshop,
+    builder: &mut MutantBuilder,
     fault: &Fault,
     draw: &mut Draw<'_>,
 ) -> Result<Option<(String, Outcome)>> {
     for (site, variant) in draw.by_ref() {
         let name = format!("{}: {}", fault.name, site);
-        let outcome = workshop.outcome(&name, site, &fault.code(variant))?;
+        let outcome = builder.outcome(&name, site, &fault.code(variant))?;
         match &outcome {
             Outcome::Unbuilt | Outcome::Equal => {}
             Outcome::Detected(what) => ui::status("Detected", &format!("{name}: {what}")),
@@ -106,7 +106,7 @@ fn next(
 }
 
 /// A copy of the project, and what is known of its mutants.
-struct Workshop<'a> {
+struct MutantBuilder<'a> {
     board: &'a Board,
     clock: Clock,
     folder: PathBuf,
@@ -117,7 +117,7 @@ struct Workshop<'a> {
     kept: PathBuf,
 }
 
-impl<'a> Workshop<'a> {
+impl<'a> MutantBuilder<'a> {
     fn new(board: &'a Board) -> Result<Self> {
         cargo::need_target()?;
         let place = cargo::target_dir().join("mutants");
@@ -295,8 +295,8 @@ fn show(table: &str, count: usize, seed: u64) -> Result<()> {
         Some((head, tail))
     });
     let (head, tail) = parts.with_context(|| format!("{TEXT} has no line {BEGIN}"))?;
-    let told = format!("{count} mutants, drawn with the seed {seed}:\n\n{table}");
-    fs::write(&path, format!("{head}{BEGIN}{told}{END}{tail}"))?;
+    let body = format!("{count} mutants, drawn with the seed {seed}:\n\n{table}");
+    fs::write(&path, format!("{head}{BEGIN}{body}{END}{tail}"))?;
     ui::status("Written", TEXT);
     Ok(())
 }

@@ -381,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn a_violation_is_told_with_its_place_and_count() {
+    fn a_violation_is_reported_with_its_place_and_count() {
         let mut summary = summary(100);
         summary.violations.push(Violation {
             what: "a loop runs more than 3 times".into(),

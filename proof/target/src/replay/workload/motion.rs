@@ -50,7 +50,7 @@ pub(super) fn full_rates(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
 pub(super) fn long_segments(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     driver.set(&fast(step_rate_hz, EXTREME))?;
     segments(driver, step_rate_hz)?;
-    apart(driver, step_rate_hz, 0.985, fast)
+    staggered(driver, step_rate_hz, 0.985, fast)
 }
 
 fn segments(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
@@ -70,7 +70,7 @@ fn segments(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
 /// A segment as dear as it gets: three axes whose steps come one after another, so that each step
 /// of X has as much in its way as it can, at a speed that changes all the time, so that every time
 /// has to be solved for. `low`: the lower of two speeds, as a part of the higher.
-fn apart(
+fn staggered(
     driver: &mut Driver,
     step_rate_hz: u32,
     low: f64,
@@ -210,7 +210,7 @@ pub(super) fn limits_of_jerk(driver: &mut Driver, step_rate_hz: u32) -> Result<(
     segments(driver, step_rate_hz)?;
     // At the lower speed, too, a line is one segment.
     for (factor, seconds) in [(5.0, 0.002), (20.0, 0.002), (20.0, 0.006)] {
-        apart(driver, step_rate_hz, 0.992, |rate, acceleration| {
+        staggered(driver, step_rate_hz, 0.992, |rate, acceleration| {
             smooth(rate, factor * acceleration, seconds)
         })?;
     }

@@ -45,7 +45,7 @@ fn one(task: &Task, colour: &str, is_open: bool, root: &Path) -> String {
     }
     let others = task.worst_path.iter().skip(SHOWN);
     let count = others.clone().count();
-    let mut rest = |cycles: u64, what: &str| {
+    let mut remainder = |cycles: u64, what: &str| {
         let cycles = grouped(cycles);
         let _ = writeln!(
             text,
@@ -54,11 +54,11 @@ fn one(task: &Task, colour: &str, is_open: bool, root: &Path) -> String {
     };
     if count > 0 {
         let cycles = others.map(|line| line.cycles).sum();
-        rest(cycles, &format!("{count} more lines"));
+        remainder(cycles, &format!("{count} more lines"));
     }
-    let told: u64 = task.worst_path.iter().map(|line| line.cycles).sum();
-    if let Some(cycles) = wcet(task).and_then(|all| all.checked_sub(told)) {
-        rest(
+    let listed: u64 = task.worst_path.iter().map(|line| line.cycles).sum();
+    if let Some(cycles) = wcet(task).and_then(|all| all.checked_sub(listed)) {
+        remainder(
             cycles,
             "entry and exit of the exception, misses of the flash cache, code without lines of its own",
         );

@@ -20,17 +20,21 @@ use crate::{
 };
 
 /// Writes down the loops of the tasks without a deadline, what these take besides, and what is wrong with them.
-pub(crate) fn look(system: &System<'_>, named: &BTreeMap<String, u64>, report: &mut Report) {
+pub(crate) fn report_loops(
+    system: &System<'_>,
+    named: &BTreeMap<String, u64>,
+    report: &mut Report,
+) {
     let rows = { system.rows.iter() }.filter(|row| row.times.is_none());
     let rows: Vec<_> = rows.collect();
     let Some(watchdog) = { system.config.watchdog.as_ref() }.filter(|_| !rows.is_empty()) else {
         return;
     };
     let pointers = findings::pointers(system);
-    let apart = apart(system, watchdog);
+    let excluded_by_watchdog = excluded_functions(system, watchdog);
     let mut reached = BTreeSet::new();
     for row in &rows {
-        let left_out = row.excluded.union(&apart).copied().collect();
+        let left_out = row.excluded.union(&excluded_by_watchdog).copied().collect();
         reached.extend(reach(system, row.root, &left_out, &pointers));
     }
     let mut found = TasksWithoutDeadline {
@@ -63,9 +67,9 @@ pub(crate) fn look(system: &System<'_>, named: &BTreeMap<String, u64>, report: &
     let excluded = rows.iter().flat_map(|row| &row.excluded).copied().collect();
     let mut functions = system.program.functions().clone();
     for function in functions.values_mut() {
-        cut(function, &apart);
+        strip(function, &excluded_by_watchdog);
     }
-    found.rest_cycles = rest(system, functions, &roots, named, &excluded, &pointers);
+    found.rest_cycles = bounded_cycles(system, functions, &roots, named, &excluded, &pointers);
     if found.rest_cycles.is_none() {
         flaws.push(Flaw::new(
             Rule::UnboundedLoop,
@@ -79,11 +83,14 @@ pub(crate) fn look(system: &System<'_>, named: &BTreeMap<String, u64>, report: &
 }
 
 /// The functions that are left out.
-fn apart(system: &System<'_>, watchdog: &Watchdog) -> BTreeSet<u32> {
-    let is_apart = |name: &str| { watchdog.apart.iter() }.any(|it| is_named(name, &it.function));
+fn excluded_functions(system: &System<'_>, watchdog: &Watchdog) -> BTreeSet<u32> {
+    let is_excluded =
+        |name: &str| { watchdog.excluded.iter() }.any(|it| is_named(name, &it.function));
     let functions = system.program.functions().values();
-    let apart = functions.filter(|function| is_apart(&function.name));
-    apart.map(|function| function.address).collect()
+    let excluded_by_watchdog = functions.filter(|function| is_excluded(&function.name));
+    excluded_by_watchdog
+        .map(|function| function.address)
+        .collect()
 }
 
 /// What a root calls, also through pointers, but for panics and what is excused.
@@ -179,7 +186,7 @@ fn of_entries(watchdog: &Watchdog) -> Vec<Flaw> {
 
 /// How long a run from each of these roots takes, one after the other, in functions from which everything else has
 /// been cut; `None`: it is not known.
-fn rest(
+fn bounded_cycles(
     system: &System<'_>,
     mut functions: Functions,
     roots: &BTreeSet<u32>,
@@ -188,25 +195,27 @@ fn rest(
     pointers: &BTreeMap<u32, BTreeSet<u32>>,
 ) -> Option<u64> {
     let frame = system.model.entry_and_exit() + system.model.lazy_save() + system.model.miss();
-    // What a pointer leads to is taken for the dearest; that may call through pointers itself.
+    // What a pointer leads to is taken for the costliest; that may call through pointers itself.
     loop {
         let wcets = Wcets::new(&functions, &system.model, named, excluded.clone());
-        let dearest = dearest(&wcets, pointers);
+        let costliest = costliest(&wcets, pointers);
         let cycles = roots
             .iter()
             .map(|root| Some(wcets.bound(*root, Cache::Uncached)?.cycles() + frame));
         let cycles: Option<u64> = cycles.sum();
         drop(wcets);
-        if !resolve(&mut functions, &dearest) {
+        if !resolve(&mut functions, &costliest) {
             return cycles;
         }
     }
 }
 
 /// Takes away the rounds of loops that nothing counts, and the calls of what is left out.
-fn cut(function: &mut Function, apart: &BTreeSet<u32>) {
+fn strip(function: &mut Function, excluded_by_watchdog: &BTreeSet<u32>) {
     for block in &mut function.blocks {
-        block.call = block.call.filter(|call| !apart.contains(call));
+        block.call = block
+            .call
+            .filter(|call| !excluded_by_watchdog.contains(call));
     }
     for looped in &mut function.loops {
         if looped.bound.is_none() && looped.total.is_none() {
@@ -223,7 +232,7 @@ fn cut(function: &mut Function, apart: &BTreeSet<u32>) {
 /// Makes a graph without loops with two entries: a way that goes back in one goes on in a copy of the graph. There
 /// are as many copies as such ways back: each loop can be passed once from any of its entries.
 fn unroll(function: &mut Function) {
-    let back = ways_back(function);
+    let back = back_edges(function);
     let (blocks, loops) = (function.blocks.clone(), function.loops.clone());
     let size = blocks.len();
     function.blocks.clear();
@@ -252,7 +261,7 @@ fn unroll(function: &mut Function) {
 }
 
 /// The ways back in a function that are not those of its loops.
-fn ways_back(function: &Function) -> BTreeSet<(usize, usize)> {
+fn back_edges(function: &Function) -> BTreeSet<(usize, usize)> {
     let mut is_open = vec![false; function.blocks.len()];
     let mut is_seen = is_open.clone();
     let mut back = BTreeSet::new();
@@ -279,22 +288,22 @@ fn ways_back(function: &Function) -> BTreeSet<(usize, usize)> {
     back
 }
 
-/// For each function that calls through pointers, the dearest that these may lead to.
-fn dearest(wcets: &Wcets<'_>, pointers: &BTreeMap<u32, BTreeSet<u32>>) -> BTreeMap<u32, u32> {
-    // What has no bound is the dearest.
+/// For each function that calls through pointers, the costliest that these may lead to.
+fn costliest(wcets: &Wcets<'_>, pointers: &BTreeMap<u32, BTreeSet<u32>>) -> BTreeMap<u32, u32> {
+    // What has no bound is the costliest.
     let cost = |at: &u32| {
         let bound = wcets.bound(*at, Cache::Uncached);
         bound.map_or(u64::MAX, |bound| bound.cycles())
     };
-    let dearest = pointers.iter().filter_map(|(function, called)| {
+    let costliest = pointers.iter().filter_map(|(function, called)| {
         let called = called.iter().filter(|at| !wcets.excluded.contains(at));
         Some((*function, *called.max_by_key(|at| cost(at))?))
     });
-    dearest.collect()
+    costliest.collect()
 }
 
 /// Writes what pointers lead to into the blocks that call through them. Returns whether anything was not so.
-fn resolve(functions: &mut Functions, dearest: &BTreeMap<u32, u32>) -> bool {
+fn resolve(functions: &mut Functions, costliest: &BTreeMap<u32, u32>) -> bool {
     let mut is_new = false;
     for (address, function) in functions {
         for block in &mut function.blocks {
@@ -305,7 +314,7 @@ fn resolve(functions: &mut Functions, dearest: &BTreeMap<u32, u32>) -> bool {
                 continue;
             };
             let known = stack::constant(register, before).map(|at| at & !1);
-            let called = known.or_else(|| dearest.get(address).copied());
+            let called = known.or_else(|| costliest.get(address).copied());
             if called.is_some() && block.call != called {
                 block.call = called;
                 // A jump ends the function as what it leads to does.
@@ -348,14 +357,14 @@ mod tests {
     #[test]
     fn a_loop_with_two_entries_is_passed_once_from_each() {
         let mut function = testing::function(&TWO_ENTRIES);
-        assert_eq!(ways_back(&function).len(), 1);
-        cut(&mut function, &BTreeSet::new());
-        assert_eq!(ways_back(&function).len(), 0);
+        assert_eq!(back_edges(&function).len(), 1);
+        strip(&mut function, &BTreeSet::new());
+        assert_eq!(back_edges(&function).len(), 0);
         // 0, 5, 1, 2 and in a second round 1, 3, or: 2, 1, 2.
         let longest = alone(function);
-        let way = 1 + 1000 + 10 + 100;
-        assert!(longest >= way + 10, "{longest}");
-        assert!(longest < way + 250, "{longest}");
+        let path = 1 + 1000 + 10 + 100;
+        assert!(longest >= path + 10, "{longest}");
+        assert!(longest < path + 250, "{longest}");
     }
 
     #[test]
@@ -366,7 +375,7 @@ mod tests {
             let mut looped = testing::counted(1, &[1], &[1], 7);
             looped.bound = looped.bound.filter(|_| bound);
             function.loops.push(looped);
-            cut(&mut function, &BTreeSet::new());
+            strip(&mut function, &BTreeSet::new());
             alone(function)
         };
         let once = with(false);
@@ -375,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pointer_leads_to_the_dearest_and_what_has_no_bound_is_dearer_still() {
+    fn a_pointer_leads_to_the_costliest_and_a_function_without_a_bound_is_costlier_still() {
         let root = 0x0800_0000;
         let mut functions = BTreeMap::new();
         for (address, length) in [(root, 2), (0x0900_0000, 10), (0x0a00_0000, 300)] {
@@ -391,7 +400,7 @@ mod tests {
         let resolved = |mut functions: Functions| {
             let (model, named) = (Model::new(&testing::CLOCK), BTreeMap::new());
             let wcets = Wcets::new(&functions, &model, &named, BTreeSet::new());
-            let found = dearest(&wcets, &pointers);
+            let found = costliest(&wcets, &pointers);
             drop(wcets);
             assert!(resolve(&mut functions, &found));
             assert!(!resolve(&mut functions, &found));

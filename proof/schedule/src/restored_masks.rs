@@ -8,8 +8,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     Block, Instruction, Operation,
-    flow::{self, States},
     graph::{BASEPRI, BASEPRI_MAX},
+    value_analysis::{self, States},
     values::{Surroundings, sources, targets},
 };
 
@@ -33,7 +33,7 @@ pub(crate) fn find(
 ) -> BTreeMap<u32, u32> {
     let mut slots = BTreeMap::new();
     let mut read = BTreeMap::new();
-    flow::visit(around, blocks, states, |state, instruction| {
+    value_analysis::visit(around, blocks, states, |state, instruction| {
         let address = instruction.operation.access().map(|(address, _)| address);
         let slot = address.and_then(|address| state.address(address).in_frame());
         slots.extend(slot.map(|slot| (instruction.address, slot)));
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mask_is_followed_through_a_slot_that_all_ways_write() {
+    fn a_mask_is_followed_through_a_slot_that_all_paths_write() {
         assert!(kept(1).is_some());
         assert_eq!(kept(2), None);
     }

@@ -4,7 +4,7 @@
 //! peripheral, by itself or in what it calls, needs an end that depends on a counter; and one whose
 //! ends depend on nothing but memory that it does not write waits for whoever writes there.
 
-mod looks;
+mod polled_memory;
 
 use std::collections::BTreeSet;
 
@@ -20,10 +20,12 @@ pub(crate) fn flaws(
     function: &Function,
     is_wanted: impl Fn(usize) -> bool,
 ) -> Vec<Flaw> {
-    let looking = function.loops.iter().filter(|one| {
-        is_wanted(one.head) && stated(one).next().is_some() && looks(functions, function, one)
+    let waiting = function.loops.iter().filter(|one| {
+        is_wanted(one.head)
+            && stated(one).next().is_some()
+            && is_busy_wait(functions, function, one)
     });
-    let flaws = looking.filter_map(|one| {
+    let flaws = waiting.filter_map(|one| {
         let head = function.blocks[one.head].start();
         let read = { own_instructions(function, one) }
             .find(|it| is_peripheral(function, it))
@@ -78,22 +80,24 @@ fn is_peripheral(function: &Function, instruction: &Instruction) -> bool {
 }
 
 /// Whether a loop, or what it calls, looks at what others write.
-fn looks(functions: &Functions, function: &Function, one: &Loop) -> bool {
+fn is_busy_wait(functions: &Functions, function: &Function, one: &Loop) -> bool {
     let called = called(functions, function, one);
     let mut instructions = called.iter().flat_map(|function| {
         let blocks = function.blocks.iter().flat_map(|it| &it.instructions);
         blocks.map(move |it| (function, it))
     });
     let is_read = instructions.any(|(function, it)| is_peripheral(function, it));
-    is_read || looks_elsewhere(function, one) || looks::at_memory(function, one, &called)
+    is_read
+        || depends_on_external_state(function, one)
+        || polled_memory::polls_memory(function, one, &called)
 }
 
 /// Whether a loop by itself, without what it calls, reads a peripheral, or what others write to memory.
-pub(crate) fn looks_elsewhere(function: &Function, one: &Loop) -> bool {
+pub(crate) fn depends_on_external_state(function: &Function, one: &Loop) -> bool {
     let mut blocks = one.blocks.iter().map(|block| &function.blocks[*block]);
     let has_calls = blocks.any(|block| block.call.is_some());
     own_instructions(function, one).any(|it| is_peripheral(function, it))
-        || !has_calls && looks::at_memory(function, one, &[])
+        || !has_calls && polled_memory::polls_memory(function, one, &[])
 }
 
 /// Whether a loop by itself reads a peripheral, and no counter ends it.
@@ -133,7 +137,7 @@ fn has_counted_end(function: &Function, one: &Loop) -> bool {
         let block = &function.blocks[*index];
         let mut edges = block.successors.iter();
         let leaves = edges.any(|edge| !one.blocks.contains(&edge.to));
-        leaves && is_on_each_way(function, one, *index) && looks_at(block, &counters)
+        leaves && is_on_every_path(function, one, *index) && tests_counter(block, &counters)
     })
 }
 
@@ -154,7 +158,7 @@ fn counters(function: &Function, one: &Loop) -> BTreeSet<u8> {
 }
 
 /// Whether the branch at the end of a block depends on a counter.
-fn looks_at(block: &Block, counters: &BTreeSet<u8>) -> bool {
+fn tests_counter(block: &Block, counters: &BTreeSet<u8>) -> bool {
     let Some((last, before)) = block.instructions.split_last() else {
         return false;
     };
@@ -173,7 +177,7 @@ fn looks_at(block: &Block, counters: &BTreeSet<u8>) -> bool {
 }
 
 /// Whether no run of a loop leaves a block out.
-pub(crate) fn is_on_each_way(function: &Function, one: &Loop, wanted: usize) -> bool {
+pub(crate) fn is_on_every_path(function: &Function, one: &Loop, wanted: usize) -> bool {
     if wanted == one.head {
         return true;
     }

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     Block, Instruction, Loop, Operation,
-    flow::States,
+    value_analysis::States,
     values::{State, Surroundings},
 };
 

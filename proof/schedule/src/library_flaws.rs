@@ -1,7 +1,7 @@
 //! What is wrong in library code, told where the project calls it.
 //!
 //! A loop of the compiler's 64-bit division says little to who wrote the division. So a flaw of a
-//! function that has no line of the project is handed up to its callers, until a call has one; and
+//! function that has no line of the project is propagated up to its callers, until a call has one; and
 //! what is known by its functions gets a sentence of its own.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -74,13 +74,13 @@ impl Cause {
 /// The flaws of some functions, those of library code at the project's calls.
 pub(crate) fn flaws(program: &Program<'_>, functions: &BTreeSet<u32>) -> Vec<Flaw> {
     let mut found = Vec::new();
-    let mut handed: BTreeMap<u32, BTreeSet<Cause>> = BTreeMap::new();
+    let mut propagated: BTreeMap<u32, BTreeSet<Cause>> = BTreeMap::new();
     for function in functions.iter().filter_map(|at| program.function(*at)) {
         for flaw in &function.flaws {
             if is_own(program, flaw.place.address) {
                 found.push(trimmed(flaw));
             } else {
-                let causes = handed.entry(function.address).or_default();
+                let causes = propagated.entry(function.address).or_default();
                 causes.insert(Cause::of(&function.name, flaw));
             }
         }
@@ -89,17 +89,17 @@ pub(crate) fn flaws(program: &Program<'_>, functions: &BTreeSet<u32>) -> Vec<Fla
     let (own, foreign): (Vec<_>, Vec<_>) = calls
         .into_iter()
         .partition(|call| is_own(program, call.site));
-    hand_up(program, &foreign, &mut handed);
+    propagate(program, &foreign, &mut propagated);
     for call in &own {
-        for cause in handed.get(&call.to).into_iter().flatten() {
+        for cause in propagated.get(&call.to).into_iter().flatten() {
             let name = program.image.name(call.to);
             found.push(cause.clone().flaw(&name, program.image.place(call.site)));
         }
     }
     // What the project's calls do not lead to stays where it is.
-    let told = below(own.iter().map(|call| call.to), &foreign);
-    let untold = functions.iter().filter(|at| !told.contains(at));
-    for function in untold.filter_map(|at| program.function(*at)) {
+    let attributed = reachable(own.iter().map(|call| call.to), &foreign);
+    let unattributed = functions.iter().filter(|at| !attributed.contains(at));
+    for function in unattributed.filter_map(|at| program.function(*at)) {
         let flaws = function.flaws.iter();
         let foreign = flaws.filter(|flaw| !is_own(program, flaw.place.address));
         found.extend(foreign.cloned());
@@ -133,14 +133,18 @@ fn calls(program: &Program<'_>, functions: &BTreeSet<u32>) -> Vec<Call> {
 }
 
 /// Gives the causes of each function to those of library code that call it.
-fn hand_up(program: &Program<'_>, calls: &[Call], handed: &mut BTreeMap<u32, BTreeSet<Cause>>) {
+fn propagate(
+    program: &Program<'_>,
+    calls: &[Call],
+    propagated: &mut BTreeMap<u32, BTreeSet<Cause>>,
+) {
     loop {
         let mut is_new = false;
         for call in calls {
             let name = program.image.name(call.from);
-            let causes = handed.get(&call.to).cloned().unwrap_or_default();
+            let causes = propagated.get(&call.to).cloned().unwrap_or_default();
             let causes = causes.into_iter().map(|cause| cause.within(&name));
-            let known = handed.entry(call.from).or_default();
+            let known = propagated.entry(call.from).or_default();
             for cause in causes {
                 is_new |= known.insert(cause);
             }
@@ -152,7 +156,7 @@ fn hand_up(program: &Program<'_>, calls: &[Call], handed: &mut BTreeMap<u32, BTr
 }
 
 /// The functions that library code among `calls` reaches from some.
-fn below(from: impl Iterator<Item = u32>, calls: &[Call]) -> BTreeSet<u32> {
+fn reachable(from: impl Iterator<Item = u32>, calls: &[Call]) -> BTreeSet<u32> {
     let mut reached = BTreeSet::new();
     let mut work: Vec<u32> = from.collect();
     while let Some(at) = work.pop() {

@@ -64,7 +64,7 @@ pub(crate) fn visit(
 
 /// What a function does with its frame, what it writes, and what it returns.
 #[derive(Debug, Clone)]
-pub(crate) struct Conduct {
+pub(crate) struct FunctionSummary {
     /// The lowest place of its frame that it makes a pointer to.
     pub(crate) lowest_pointer: i32,
     /// Whether it may write to what it was called with on the stack.
@@ -76,7 +76,7 @@ pub(crate) struct Conduct {
     pub(crate) result: Region,
 }
 
-impl Conduct {
+impl FunctionSummary {
     pub(crate) fn of(around: Surroundings<'_>, blocks: &[Block], before: &States) -> Self {
         let mut lowest_pointer = i32::MAX;
         let mut highest_written = i32::MIN;
@@ -141,34 +141,36 @@ fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, wri
             let to = state.address(address);
             // Words that are put back where they come from do not count.
             let is_put_back = |distance: i32, source: u8| {
-                let place = to.add(distance).behind_argument();
+                let place = to.add(distance).argument_offset();
                 place.is_some_and(|(register, distance)| {
-                    state.get(source).is_from_behind(register, distance)
+                    state
+                        .get(source)
+                        .is_loaded_from_argument(register, distance)
                 })
             };
             let mut stored = (0..).step_by(4).zip(sources(operation)).peekable();
             if stored.peek().is_none() {
-                add_behind(writes, to, &[(0, length)]);
+                add_writes_through(writes, to, &[(0, length)]);
             }
             for (distance, source) in stored {
                 if !is_put_back(distance, source) {
-                    add_behind(writes, to, &[(distance, distance + 4)]);
+                    add_writes_through(writes, to, &[(distance, distance + 4)]);
                 }
             }
             // Whoever finds a pointer in memory may write behind it.
             let slot = to.in_frame();
             if slot.is_none_or(|slot| slot >= around.lowest_pointer) {
                 for source in sources(operation) {
-                    add_behind(writes, state.get(source), &[ALL]);
+                    add_writes_through(writes, state.get(source), &[ALL]);
                 }
             }
         }
         Operation::FloatStore { address, words, .. } => {
             let length = 4 * i32::from(words);
-            add_behind(writes, state.address(address), &[(0, length)]);
+            add_writes_through(writes, state.address(address), &[(0, length)]);
         }
         Operation::StoreExclusive { address, .. } => {
-            add_behind(writes, state.address(address), &[(0, 4)]);
+            add_writes_through(writes, state.address(address), &[(0, 4)]);
         }
         Operation::Call(callee) | Operation::Jump(callee) => {
             let known = around
@@ -176,7 +178,7 @@ fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, wri
                 .and_then(|callees| callees.writes.get(&callee));
             if let Some(spans) = known {
                 for (register, spans) in (0..).zip(spans) {
-                    add_behind(writes, state.get(register), spans);
+                    add_writes_through(writes, state.get(register), spans);
                 }
             } else if matches!(operation, Operation::Call(_)) {
                 add_unknown(writes, state);
@@ -190,14 +192,14 @@ fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, wri
 /// Adds what an unknown function writes.
 fn add_unknown(writes: &mut Writes, state: &State) {
     for register in 0..ARGUMENTS {
-        add_behind(writes, state.get(register), &[ALL]);
+        add_writes_through(writes, state.get(register), &[ALL]);
     }
 }
 
 /// Adds what is written behind a pointer.
-fn add_behind(writes: &mut Writes, pointer: Value, spans: &[(i32, i32)]) {
+fn add_writes_through(writes: &mut Writes, pointer: Value, spans: &[(i32, i32)]) {
     for (register, to) in (0..).zip(writes) {
-        match pointer.behind_argument() {
+        match pointer.argument_offset() {
             Some((other, base)) if other == register => {
                 let from = |distance: i32| base.saturating_add(distance);
                 to.extend(spans.iter().map(|&(start, end)| (from(start), from(end))));

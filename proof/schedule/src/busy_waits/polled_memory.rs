@@ -11,14 +11,14 @@ const ARGUMENTS: u16 = 0xf;
 const STACK_POINTER: u8 = 13;
 
 /// What a loop looks at: the instructions that load what decides, and whether a call gives it.
-struct Looks<'a> {
+struct ExitConditions<'a> {
     loads: Vec<&'a Instruction>,
     is_called: bool,
 }
 
 /// Whether the ends of a loop depend on memory alone that neither the loop nor what it calls writes.
-pub(super) fn at_memory(function: &Function, one: &Loop, called: &[&Function]) -> bool {
-    let Some(Looks { loads, is_called }) = looks(function, one) else {
+pub(super) fn polls_memory(function: &Function, one: &Loop, called: &[&Function]) -> bool {
+    let Some(ExitConditions { loads, is_called }) = exit_conditions(function, one) else {
         return false;
     };
     let blocks = one.blocks.iter().map(|block| &function.blocks[*block]);
@@ -33,19 +33,19 @@ pub(super) fn at_memory(function: &Function, one: &Loop, called: &[&Function]) -
     (is_called || !loads.is_empty())
         && stores.all(|(from, store)| {
             let mut loads = loads.iter();
-            !is_called && loads.all(|load| are_apart(function, load, from, store))
+            !is_called && loads.all(|load| are_disjoint(function, load, from, store))
         })
 }
 
 /// What decides of the ends of a loop, followed back through registers; `None` if that is more than what is loaded.
-fn looks<'a>(function: &'a Function, one: &Loop) -> Option<Looks<'a>> {
+fn exit_conditions<'a>(function: &'a Function, one: &Loop) -> Option<ExitConditions<'a>> {
     let blocks = || one.blocks.iter().map(|block| &function.blocks[*block]);
     let all: Vec<&Instruction> = blocks().flat_map(|block| &block.instructions).collect();
     let leaving = blocks().filter(|block| {
         let mut edges = block.successors.iter();
         edges.any(|edge| !one.blocks.contains(&edge.to))
     });
-    let mut found = Looks {
+    let mut found = ExitConditions {
         loads: Vec::new(),
         is_called: false,
     };
@@ -68,7 +68,7 @@ fn looks<'a>(function: &'a Function, one: &Loop) -> Option<Looks<'a>> {
     }
 }
 
-impl<'a> Looks<'a> {
+impl<'a> ExitConditions<'a> {
     /// Follows registers back to the beginning of a block: those that they are computed from.
     fn within(&mut self, instructions: &'a [Instruction], registers: u16) -> Option<u16> {
         let mut deciding = registers;
@@ -175,7 +175,7 @@ const fn is_store(operation: &Operation) -> bool {
 }
 
 /// Whether what an instruction loads is not what another stores.
-fn are_apart(
+fn are_disjoint(
     function: &Function,
     load: &Instruction,
     from: &Function,
