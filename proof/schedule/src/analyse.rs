@@ -361,8 +361,8 @@ impl<'a> Analysis<'a> {
     /// Cost of the step task, and how far the edges of its pins may move.
     fn edges(&self, report: &mut Report) {
         let name = &self.system.config.table.step_task;
-        let rows = self.system.rows.iter().enumerate();
-        let Some((index, row)) = { rows }.find(|(_, row)| row.task.name == *name) else {
+        let mut rows = self.system.rows.iter().enumerate();
+        let Some((index, row)) = rows.find(|(_, row)| row.task.name == *name) else {
             let what = format!("there is no task `{name}`");
             report.flaws.push(misconfigured(
                 what,

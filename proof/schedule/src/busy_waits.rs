@@ -27,7 +27,7 @@ pub(crate) fn flaws(
     });
     let flaws = waiting.filter_map(|one| {
         let head = function.blocks[one.head].start();
-        let read = { own_instructions(function, one) }
+        let read = own_instructions(function, one)
             .find(|it| is_peripheral(function, it))
             .map_or(head, |it| it.address);
         let (rule, what) = if has_counted_end(function, one) {

@@ -454,7 +454,9 @@ impl Config {
                 let mut words = text.split(|c: char| !c.is_alphanumeric() && c != '_');
                 words.any(|word| found.contains(word))
             };
-            let more: Vec<String> = { self.bounds.iter() }
+            let more: Vec<String> = self
+                .bounds
+                .iter()
                 .filter(|(name, formula)| !found.contains(*name) && names(formula))
                 .map(|(name, _)| name.clone())
                 .collect();

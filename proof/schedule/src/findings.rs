@@ -17,7 +17,7 @@ pub(crate) fn of_row(system: &System<'_>, row: &Row, named: &BTreeMap<String, u6
     let all = system.program.functions();
     let mut flaws = library_flaws::flaws(system.program, &reached);
     flaws.extend(exempt_calls(system, &reached));
-    let blocks = { reached.iter() }.filter_map(|at| all.get(at));
+    let blocks = reached.iter().filter_map(|at| all.get(at));
     flaws.extend(never_back(system, blocks.flat_map(|it| &it.blocks)));
     flaws.extend(float_above(system, row, &reached));
     for function in reached.iter().filter_map(|at| system.program.function(*at)) {
@@ -153,11 +153,11 @@ fn of_code_of_section(system: &System<'_>, section: &Held) -> Vec<Flaw> {
     let mut flaws = library_flaws::flaws(system.program, &functions);
     flaws.retain(is_of_time);
     let all = system.program.functions();
-    for function in { section.reached.iter() }.filter_map(|at| all.get(at)) {
+    for function in section.reached.iter().filter_map(|at| all.get(at)) {
         flaws.extend(busy_waits::flaws(system.image, all, function, |_| true));
     }
     let blocks = section.blocks.iter().map(|block| &own.blocks[*block]);
-    let called = { section.reached.iter() }.filter_map(|at| all.get(at));
+    let called = section.reached.iter().filter_map(|at| all.get(at));
     let blocks = blocks.chain(called.flat_map(|function| &function.blocks));
     flaws.extend(never_back(system, blocks));
     let is_in_section = |block: usize| section.blocks.contains(&block);

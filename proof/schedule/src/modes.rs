@@ -33,7 +33,7 @@ pub(crate) fn flaws(system: &System<'_>) -> Vec<Flaw> {
 }
 
 fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
-    let exempt = { rows.iter() }.map(|row| row.excluded.clone());
+    let exempt = rows.iter().map(|row| row.excluded.clone());
     let exempt = exempt.reduce(|one, other| &one & &other)?;
     let tagged: BTreeSet<u32> = rows.iter().flat_map(|row| &row.excluded).copied().collect();
     let tagged: Vec<u32> = tagged.difference(&exempt).copied().collect();

@@ -60,9 +60,7 @@ impl Registers<'_> {
             let stores = function.stores.iter();
             stores.filter_map(|store| self.flaw(function, store))
         });
-        { all.chain(self.specials()) }
-            .chain(self.uncosted())
-            .collect()
+        all.chain(self.specials()).chain(self.uncosted()).collect()
     }
 
     /// Writes of the processor's registers that choose the stack and take privileges: the depth of the stack and
@@ -117,7 +115,7 @@ impl Registers<'_> {
         } else {
             (to, to.saturating_add(store.bytes))
         };
-        let (.., name) = { PROTECTED.iter() }.find(|it| from < it.1 && it.0 < end)?;
+        let (.., name) = PROTECTED.iter().find(|it| from < it.1 && it.0 < end)?;
         let is_within = |first: u32, last: u32| first <= from && end <= last;
         let is_byte = store.bytes == 1 && store.value.is_some();
         let is_enable = from < INTERRUPT_REGISTERS[0].1 && store.value.is_some();

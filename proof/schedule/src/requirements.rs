@@ -13,7 +13,8 @@ pub(crate) fn points(config: &Config, axes: u8) -> impl Iterator<Item = (u32, u3
 pub(crate) fn of(config: &Config, report: &Report) -> (Vec<Requirement>, Vec<Flaw>) {
     let rates = points(config, report.axes).map(|point| rate(report, point));
     let waits = points(config, report.axes).filter_map(|point| wait(config, report, point));
-    let required: Vec<Requirement> = { rates.chain(waits) }
+    let required: Vec<Requirement> = rates
+        .chain(waits)
         .chain(watchdog(config, report))
         .chain(step_task(config, report))
         .collect();

@@ -155,7 +155,8 @@ fn up_to(
                 window.limit = (deadlines * window.own.deadline).clamp(0.0, 1e12) as u64;
                 window.respond()
             };
-            let substitutions = { substitutions.iter() }
+            let substitutions = substitutions
+                .iter()
                 .filter(|(_, substitution)| substitution.is_in(system, regime));
             let found = substitutions
                 .map(|(row_demands, substitution)| respond(row_demands, Some(substitution)));
@@ -184,7 +185,10 @@ pub(crate) fn undeadlined_wait(
     limit: u64,
 ) -> Result<Option<u64>, String> {
     let responses = all(system, sections, point)?;
-    let rows = { system.rows.iter().zip(&responses) }
+    let rows = system
+        .rows
+        .iter()
+        .zip(&responses)
         .filter_map(|(row, response)| Some((row.task.priority, response.as_ref()?)));
     let Some(lowest) = rows.clone().map(|(priority, _)| priority).min() else {
         return Ok(Some(0));
@@ -294,7 +298,7 @@ impl<'a> Window<'a> {
             others.filter(|(_, it)| system.regime(it.row).is_none_or(|it| Some(it) == regime));
         let (yielding, others): (Vec<&RowDemand>, Vec<&RowDemand>) =
             { others.map(|(_, it)| it) }.partition(|it| system.yields(it.row, own.row));
-        let holding = sections
+        let mut holding = sections
             .iter()
             .filter(|section| section.holds(own.priority));
         let worst = holding.clone().max_by_key(|section| section.cycles);
@@ -314,7 +318,7 @@ impl<'a> Window<'a> {
                 .flat_map(|section| section.lines.clone())
                 .chain(yielding.iter().flat_map(|it| it.cost.lines.clone()))
                 .collect(),
-            blocking_retries: { holding }.any(|section| section.retries),
+            blocking_retries: holding.any(|section| section.retries),
             blocking_source: worst.map_or_else(String::new, |section| section.place.clone()),
             yielding,
         }
@@ -475,7 +479,8 @@ impl<'a> Window<'a> {
             units: 0.0,
             once: 0,
         };
-        let rows: Vec<&RowDemand> = { [self.own].into_iter() }
+        let rows: Vec<&RowDemand> = [self.own]
+            .into_iter()
             .chain(self.others.iter().copied())
             .collect();
         let substitution = self.substitution;

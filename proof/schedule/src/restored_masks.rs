@@ -88,7 +88,8 @@ fn solve(blocks: &[Block], slots: &BTreeMap<u32, i32>) -> Vec<Option<Kept>> {
         for edge in &blocks[index].successors {
             let joined = match &before[edge.to] {
                 None => kept.clone(),
-                Some(known) => { known.iter() }
+                Some(known) => known
+                    .iter()
                     .filter(|(place, reader)| kept.get(place) == Some(reader))
                     .map(|(place, reader)| (*place, *reader))
                     .collect(),

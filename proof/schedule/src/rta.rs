@@ -339,7 +339,7 @@ mod tests {
                 Simulated { period, cost, jitter, offset }
             });
             let tasks: Vec<Simulated> = tasks.collect();
-            let loads: Vec<_> = { tasks.iter() }
+            let loads: Vec<_> = tasks.iter()
                 .map(|it| {
                     let mut load = load(it.period as f64, it.cost);
                     load.arrival.jitter = it.jitter as f64;
@@ -347,7 +347,7 @@ mod tests {
                 })
                 .collect();
             // All first jobs at the same time.
-            let critical: Vec<_> = { tasks.iter() }
+            let critical: Vec<_> = tasks.iter()
                 .map(|it| Simulated { offset: 60 - it.jitter, ..*it })
                 .collect();
             let (critical, shifted) = (simulate(&critical, 4000), simulate(&tasks, 4000));

@@ -136,7 +136,7 @@ fn of_function(wcets: &Wcets<'_>, function: &Function) -> Vec<Held> {
             .collect();
         // What never comes back ends the section, and the machine.
         let is_back = |block: &&usize| !function.blocks[**block].traps;
-        let calls = { blocks.iter() }.filter(is_back);
+        let calls = blocks.iter().filter(is_back);
         let calls = calls.filter_map(|block| function.blocks[*block].call);
         let reached = calls.flat_map(|call| wcets.reach(call)).collect();
         let mut own = blocks.iter().map(|block| &function.blocks[*block]);
@@ -216,14 +216,16 @@ fn effect(function: &Function, address: u32, operation: Operation, mask: Mask) -
 /// the end of that section, begins another.
 fn extents(function: &Function) -> Vec<Extent> {
     let writes = writes(function);
-    let mut begins: BTreeMap<(u32, Mask, Option<u8>), Write> = { writes.iter() }
+    let mut begins: BTreeMap<(u32, Mask, Option<u8>), Write> = writes
+        .iter()
         .filter_map(|write| match write.effect {
             Effect::Raises(ceiling) => Some(((write.address, write.mask, ceiling), *write)),
             Effect::Clears | Effect::Restores(_) => None,
         })
         .collect();
     loop {
-        let found: Vec<Extent> = { begins.iter() }
+        let found: Vec<Extent> = begins
+            .iter()
             .map(|(&(.., ceiling), write)| extent(function, &writes, write, ceiling))
             .collect();
         let mut more = false;
@@ -263,7 +265,7 @@ fn extent(function: &Function, writes: &[Write], begin: &Write, ceiling: Option<
     let mut inner: BTreeSet<u32> = BTreeSet::new();
     loop {
         let is_end = |block: usize| {
-            { writes.iter() }.any(|write| {
+            writes.iter().any(|write| {
                 let is_other = write.block == block && write.address != begin.address;
                 is_other
                     && write.mask == begin.mask

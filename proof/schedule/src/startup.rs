@@ -63,10 +63,14 @@ fn missing(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
 
 /// Functions that the two tables name for every program, and this one lacks.
 fn missing_functions(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
-    let before = { config.startup.iter() }
+    let before = config
+        .startup
+        .iter()
         .flat_map(|startup| &startup.before)
         .map(|name| ("`before` of [startup]", name));
-    let unfed = { config.watchdog.iter() }
+    let unfed = config
+        .watchdog
+        .iter()
         .flat_map(|watchdog| &watchdog.unfed)
         .filter(|unfed| unfed.only.is_none())
         .map(|unfed| ("a `[[watchdog.unfed]]`", &unfed.function));
@@ -120,7 +124,10 @@ fn of_startup(program: &Program<'_>, startup: &Startup) -> Vec<Flaw> {
     let mut flaws: Vec<_> = pairs
         .filter_map(|(one, other)| order.pair(one, other))
         .collect();
-    let before = { startup.before.iter() }.chain(startup.before_of.values().flatten());
+    let before = startup
+        .before
+        .iter()
+        .chain(startup.before_of.values().flatten());
     flaws.extend(order.before(&startup.safe, &before.collect::<Vec<_>>()));
     flaws
 }
@@ -163,7 +170,7 @@ impl Order<'_> {
     /// Whether an effect is one of a function, inlined or called.
     fn is_of(&self, effect: &Effect<'_>, name: &str) -> bool {
         let frames = self.image.frames(effect.address);
-        { frames.iter() }.any(|frame| is_named(&frame.function, name))
+        frames.iter().any(|frame| is_named(&frame.function, name))
             || effect
                 .called
                 .is_some_and(|called| is_named(&self.image.name(called), name))
@@ -273,7 +280,7 @@ fn of_watchdog(program: &Program<'_>, watchdog: &Watchdog) -> Vec<Flaw> {
     let mut flaws = Vec::new();
     let mut fed = 0;
     for function in program.functions().values() {
-        for one in { function.loops.iter() }.filter(|one| may_last(function, one)) {
+        for one in function.loops.iter().filter(|one| may_last(function, one)) {
             let is_fed = feeds(function, one, watchdog);
             fed += u32::from(is_fed);
             let head = function.blocks[one.head].start();
@@ -300,7 +307,9 @@ fn of_watchdog(program: &Program<'_>, watchdog: &Watchdog) -> Vec<Flaw> {
 
 /// Whether the watchdog is fed in each round of a loop.
 pub(crate) fn feeds(function: &Function, one: &Loop, watchdog: &Watchdog) -> bool {
-    let feeds: BTreeSet<u32> = { function.stores.iter() }
+    let feeds: BTreeSet<u32> = function
+        .stores
+        .iter()
         .filter(|store| store.to == Some(watchdog.key) && store.value == Some(watchdog.feed))
         .map(|store| store.at)
         .collect();

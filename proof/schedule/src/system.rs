@@ -231,7 +231,10 @@ impl<'a> System<'a> {
         let Some(substitution) = &self.config.substitution else {
             return;
         };
-        let of = { self.rows.iter() }.position(|row| row.name == substitution.row);
+        let of = self
+            .rows
+            .iter()
+            .position(|row| row.name == substitution.row);
         let with = substitution
             .with_run
             .keys()

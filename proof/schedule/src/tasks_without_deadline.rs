@@ -25,9 +25,9 @@ pub(crate) fn report_loops(
     named: &BTreeMap<String, u64>,
     report: &mut Report,
 ) {
-    let rows = { system.rows.iter() }.filter(|row| row.times.is_none());
+    let rows = system.rows.iter().filter(|row| row.times.is_none());
     let rows: Vec<_> = rows.collect();
-    let Some(watchdog) = { system.config.watchdog.as_ref() }.filter(|_| !rows.is_empty()) else {
+    let Some(watchdog) = system.config.watchdog.as_ref().filter(|_| !rows.is_empty()) else {
         return;
     };
     let pointers = findings::pointers(system);
@@ -41,7 +41,9 @@ pub(crate) fn report_loops(
         tasks: rows.iter().map(|row| row.name.clone()).collect(),
         counted: 0,
         fed: 0,
-        uncounted: { watchdog.uncounted.iter() }
+        uncounted: watchdog
+            .uncounted
+            .iter()
             .map(|entry| UncountedLoops {
                 reason: entry.reason.clone(),
                 places: Vec::new(),
@@ -84,8 +86,12 @@ pub(crate) fn report_loops(
 
 /// The functions that are left out.
 fn excluded_functions(system: &System<'_>, watchdog: &Watchdog) -> BTreeSet<u32> {
-    let is_excluded =
-        |name: &str| { watchdog.excluded.iter() }.any(|it| is_named(name, &it.function));
+    let is_excluded = |name: &str| {
+        watchdog
+            .excluded
+            .iter()
+            .any(|it| is_named(name, &it.function))
+    };
     let functions = system.program.functions().values();
     let excluded_by_watchdog = functions.filter(|function| is_excluded(&function.name));
     excluded_by_watchdog
@@ -136,7 +142,10 @@ fn uncounted(
         }
     }
     // A loop with two entries is no loop of the graph.
-    let flaws = { function.flaws.iter() }.filter(|flaw| flaw.rule == Rule::IrreducibleLoop);
+    let flaws = function
+        .flaws
+        .iter()
+        .filter(|flaw| flaw.rule == Rule::IrreducibleLoop);
     uncounted.extend(flaws.map(|flaw| {
         let frames = image.frames(flaw.place.address);
         let within = source_function(frames.iter()).unwrap_or_else(|| function.name.clone());

@@ -23,7 +23,8 @@ pub(super) fn polls_memory(function: &Function, one: &Loop, called: &[&Function]
     };
     let blocks = one.blocks.iter().map(|block| &function.blocks[*block]);
     let own = blocks.map(|block| (function, block));
-    let called = { called.iter() }
+    let called = called
+        .iter()
         .flat_map(|function| function.blocks.iter().map(move |block| (*function, block)));
     let all = own.chain(called).flat_map(|(function, block)| {
         let instructions = block.instructions.iter();

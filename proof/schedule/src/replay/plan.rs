@@ -99,7 +99,8 @@ impl Plan {
     ) -> Self {
         let roots = tasks.into_iter().map(|(name, mut callers, kinds)| Root {
             name,
-            reach: { callers.iter() }
+            reach: callers
+                .iter()
                 .flat_map(|entry| program.reach(*entry))
                 .collect(),
             handler: callers.pop().unwrap_or_default(),

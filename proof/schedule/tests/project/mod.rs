@@ -146,7 +146,8 @@ pub(crate) fn flaws_at(
             line.is_some_and(|line: usize| lines.contains(&line))
         })
     };
-    { flaws.iter() }
+    flaws
+        .iter()
         .filter(move |flaw| flaw.rule == rule)
         .filter(is_there)
 }

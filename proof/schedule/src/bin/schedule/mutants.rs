@@ -59,7 +59,9 @@ struct Tally {
 pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result<bool> {
     let mut builder = MutantBuilder::new(board)?;
     let sites = builder.sites()?;
-    let mut draws: Vec<Draw<'_>> = { FAULTS.iter().enumerate() }
+    let mut draws: Vec<Draw<'_>> = FAULTS
+        .iter()
+        .enumerate()
         .map(|(index, fault)| Draw::new(&sites, fault, seed.wrapping_add(index as u64)))
         .collect();
     let mut tallies: Vec<Tally> = FAULTS.iter().map(|_| Tally::default()).collect();

@@ -254,7 +254,9 @@ fn waits(report: &Report) -> String {
         return "unknown".into();
     }
     let waits = report.undeadlined_waits.iter().map(|it| {
-        let us = { it.cycles }.map(|cycles| cycles as f64 * 1e6 / report.clock_hz as f64);
+        let us = it
+            .cycles
+            .map(|cycles| cycles as f64 * 1e6 / report.clock_hz as f64);
         let us = us.map_or("unbounded".into(), |us| format!("{} µs", shown_us(us)));
         let (hz, baud) = (separated(it.step_rate_hz.into()), separated(it.baud.into()));
         format!("{us} at {hz} Hz and {baud} baud")
@@ -266,7 +268,7 @@ fn waits(report: &Report) -> String {
 /// What is known of the tasks without a deadline: how their loops end, and how long they take besides.
 fn undeadlined(report: &Report) -> Option<(&'static str, String)> {
     let it = report.undeadlined.as_ref()?;
-    let cycles_text = { it.rest_cycles }.map_or("unknown".into(), |cycles| {
+    let cycles_text = it.rest_cycles.map_or("unknown".into(), |cycles| {
         let us = shown_us(micros(report, cycles as f64));
         format!("{us} µs at most, alone on the processor,")
     });
