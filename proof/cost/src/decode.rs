@@ -29,7 +29,7 @@ pub enum Class {
     Branch,
     /// `TBB`, `TBH`.
     TableBranch,
-    /// `IT` with the number of instructions that depend on it.
+    /// `IT` with the number of conditional instructions after it.
     IfThen(u8),
     /// `MRS`, `MSR`, `CPS`, moves between two core and two floating-point registers.
     Special,

@@ -310,8 +310,8 @@ impl<'a> Analysis<'a> {
         task
     }
 
-    /// How long those without deadlines wait: at the point of the table, at those that are required, and
-    /// at those that are proven.
+    /// How long tasks without deadlines wait: at the rate of the table, at all required rates and
+    /// at all proven rates.
     fn waits(&self, report: &Report) -> Result<Vec<UndeadlinedWait>, String> {
         let required = requirements::points(self.system.config, report.axes);
         let proven = report.proven_step_rate_hz.iter();
@@ -477,7 +477,7 @@ fn overload(utilisation: f64) -> Flaw {
     )
 }
 
-/// A task without a deadline must not hold up one that has one.
+/// A task without a deadline must not hold up a task with one.
 fn holds_up(system: &System<'_>, row: &Row) -> Option<Flaw> {
     let held = system
         .rows

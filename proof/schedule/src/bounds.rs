@@ -1,8 +1,9 @@
-//! How often loops run: what the source states, and what follows from constants.
+//! Loop bounds: stated in the source, or derived from constants.
 //!
 //! A loop of machine code belongs to the innermost loop of the source that holds the lines of all
-//! its own instructions. These are seen at one level of inlining, the innermost that all of them
-//! share: in the example the loop is that of `for`, whatever `next` and `body` consist of.
+//! its own instructions. The lines are compared at one level of inlining, the innermost level that
+//! all instructions share: in the example the loop is that of `for`, whatever `next` and `body`
+//! consist of.
 //!
 //! ```text
 //! instructions of the loop    outer function     inlined     inlined
@@ -11,8 +12,8 @@
 //!                             └── shared ───┘
 //! ```
 //!
-//! Where the shared level is a library's, the loop is one inside the library: the statement or the
-//! head of the loop that calls it must say how often it runs.
+//! Where the shared level is in a library, the loop is a library's: the calling statement, or the
+//! head of the calling loop, must state the bound.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -25,6 +26,7 @@ use crate::{
     annotations::{SourceLoop, Stated},
     busy_waits,
     counted_loops::{self, Runs},
+    loops,
     model::RETRY,
     value_analysis::States,
     values::Surroundings,
@@ -178,7 +180,7 @@ fn is_retry(function: &Function, one: &Loop) -> bool {
                 Some(1 + u64::from(words))
             }
             Operation::Barrier => Some(4),
-            // The way back.
+            // The back edge.
             Operation::Jump(_) | Operation::JumpOnZero { .. } => Some(3),
             Operation::Divide { .. }
             | Operation::Float { .. }
@@ -192,7 +194,7 @@ fn is_retry(function: &Function, one: &Loop) -> bool {
     is_short && blocks().all(|block| block.call.is_none()) && stores_again(function, one)
 }
 
-/// Whether each way back to the head of a loop is that of an exclusive store that failed, behind an exclusive load.
+/// Whether each back edge of a loop belongs to a failed exclusive store after an exclusive load.
 fn stores_again(function: &Function, one: &Loop) -> bool {
     let loads = |block: &usize| {
         let mut instructions = function.blocks[*block].instructions.iter();
@@ -200,7 +202,7 @@ fn stores_again(function: &Function, one: &Loop) -> bool {
     };
     let loading: BTreeSet<usize> = one.blocks.iter().copied().filter(loads).collect();
     let mut loading = loading.iter();
-    loading.any(|block| busy_waits::is_on_every_path(function, one, *block))
+    loading.any(|block| loops::is_on_every_path(function, one, &BTreeSet::from([*block])))
         && one.back.iter().all(|&back| {
             let instructions = &function.blocks[back].instructions;
             let mut result = None;

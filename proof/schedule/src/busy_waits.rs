@@ -1,8 +1,8 @@
-//! Loops that wait: a bound that is stated for one is believed by nobody.
+//! Busy-waiting loops, for which a stated bound is not accepted.
 //!
-//! A loop whose number of runs the source states must make progress by itself. One that reads a
-//! peripheral, by itself or in what it calls, needs an end that depends on a counter; and one whose
-//! ends depend on nothing but memory that it does not write waits for whoever writes there.
+//! A loop whose number of runs the source states must make progress by itself. A loop that reads a
+//! peripheral, directly or in a called function, needs an exit that depends on a counter. A loop
+//! whose exits depend only on memory that the loop does not write waits for another writer.
 
 mod polled_memory;
 
@@ -10,10 +10,11 @@ use std::collections::BTreeSet;
 
 use crate::{
     Block, Count, Flaw, Function, Image, Instruction, Loop, Operation, Region, Rule,
-    wcet::Functions,
+    loops::is_on_every_path, wcet::Functions,
 };
 
-/// The loops with a stated bound that wait, of those of a function that begin in some of its blocks.
+/// Returns a flaw for each busy-waiting loop of a function that has a stated bound and a wanted
+/// head.
 pub(crate) fn flaws(
     image: &Image,
     functions: &Functions,
@@ -79,7 +80,8 @@ fn is_peripheral(function: &Function, instruction: &Instruction) -> bool {
         )
 }
 
-/// Whether a loop, or what it calls, looks at what others write.
+/// Whether a loop, or a function called in it, waits for a peripheral or for another writer of
+/// memory.
 fn is_busy_wait(functions: &Functions, function: &Function, one: &Loop) -> bool {
     let called = called(functions, function, one);
     let mut instructions = called.iter().flat_map(|function| {
@@ -92,7 +94,7 @@ fn is_busy_wait(functions: &Functions, function: &Function, one: &Loop) -> bool 
         || polled_memory::polls_memory(function, one, &called)
 }
 
-/// Whether a loop by itself, without what it calls, reads a peripheral, or what others write to memory.
+/// Whether a loop by itself, without its callees, reads a peripheral or memory that others write.
 pub(crate) fn depends_on_external_state(function: &Function, one: &Loop) -> bool {
     let mut blocks = one.blocks.iter().map(|block| &function.blocks[*block]);
     let has_calls = blocks.any(|block| block.call.is_some());
@@ -137,7 +139,9 @@ fn has_counted_end(function: &Function, one: &Loop) -> bool {
         let block = &function.blocks[*index];
         let mut edges = block.successors.iter();
         let leaves = edges.any(|edge| !one.blocks.contains(&edge.to));
-        leaves && is_on_every_path(function, one, *index) && tests_counter(block, &counters)
+        leaves
+            && is_on_every_path(function, one, &BTreeSet::from([*index]))
+            && tests_counter(block, &counters)
     })
 }
 
@@ -174,24 +178,4 @@ fn tests_counter(block: &Block, counters: &BTreeSet<u8>) -> bool {
         }
         _ => false,
     })
-}
-
-/// Whether no run of a loop leaves a block out.
-pub(crate) fn is_on_every_path(function: &Function, one: &Loop, wanted: usize) -> bool {
-    if wanted == one.head {
-        return true;
-    }
-    let mut seen = BTreeSet::from([one.head]);
-    let mut work = vec![one.head];
-    while let Some(block) = work.pop() {
-        for edge in &function.blocks[block].successors {
-            if edge.to == one.head {
-                return false;
-            }
-            if edge.to != wanted && one.blocks.contains(&edge.to) && seen.insert(edge.to) {
-                work.push(edge.to);
-            }
-        }
-    }
-    true
 }

@@ -153,7 +153,7 @@ fn called(around: Surroundings<'_>, blocks: &[Block], before: &States) -> Vec<(u
     found
 }
 
-/// Functions that may be entered with anything: handlers, and those that pointers lead to.
+/// Functions whose arguments are unknown: handlers, and targets of pointers.
 fn free(image: &Image, graphs: &BTreeMap<u32, Graph>) -> BTreeSet<u32> {
     let mut found: BTreeSet<u32> = image
         .words()
@@ -186,7 +186,7 @@ fn free(image: &Image, graphs: &BTreeMap<u32, Graph>) -> BTreeSet<u32> {
 struct Order {
     /// Each after all that call it.
     callers_first: Vec<u32>,
-    /// Functions that are called from one that comes after them.
+    /// Functions that a later function of the order calls.
     cyclic: BTreeSet<u32>,
 }
 

@@ -1,7 +1,7 @@
-//! Code in RAM: it runs while the flash cannot be read, so it must not need it.
+//! Code in RAM, which runs while the flash cannot be read, and so must not need the flash.
 //!
-//! A function is put into RAM by its section, but what it calls is not, unless the compiler inlines
-//! it; and a `match` may become a table in flash.
+//! The section of a function puts only the function itself into RAM: a callee stays in flash unless
+//! the compiler inlines it, and a `match` may become a table in flash.
 
 use crate::{Flaw, Function, Place, Program, Region, Rule};
 

@@ -54,13 +54,13 @@ pub struct Config {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Startup {
-    /// The function of the program that does it, with others in it.
+    /// The function of the program that contains the initialisation.
     pub function: String,
     /// Functions each of which must be over before the next begins.
     pub order: Vec<String>,
     /// That which makes the outputs safe.
     pub safe: String,
-    /// Those that may access peripherals before it is over.
+    /// Functions that may access peripherals before `safe` has ended.
     pub before: Vec<String>,
     /// The same of functions that only some programs have, by the words which.
     #[serde(default)]
@@ -138,11 +138,11 @@ pub enum Evidence {
     Replayed,
     /// A manual says so.
     Manual,
-    /// A limit that the analysis compares what it finds with.
+    /// A limit with which the analysis compares a result.
     Compared,
     /// Nothing checks it.
     Believed,
-    /// It claims nothing of the program: the proof shows that it is kept.
+    /// A promise and no claim about the program: the proof shows that it is kept.
     Promised,
 }
 
@@ -176,7 +176,7 @@ pub struct SubstitutionConfig {
     pub excludes: Vec<String>,
     /// Units for which one run more may come.
     pub units: Formula,
-    /// Units that a window may have beside those that its runs are known to have.
+    /// Units that a window may have beyond the units of its whole runs.
     pub rounding: Formula,
     /// Runs of other tasks that come with each such run, ...
     #[serde(default)]
@@ -194,8 +194,8 @@ pub struct Replay {
     pub activations: u64,
     /// What holds for each row that is long.
     pub long_rows: Option<LongRows>,
-    /// Most that the bound of a task, or of a row, may be above what is observed of it, each observed
-    /// cycle. A task stands for the longest of its rows.
+    /// The greatest allowed ratio of the bound of a task, or of a row, to the observed maximum. A
+    /// task stands for the longest of its rows.
     #[serde(default)]
     pub ratio: BTreeMap<String, f64>,
 }
@@ -206,7 +206,7 @@ pub struct Replay {
 pub struct LongRows {
     /// Rows whose bound with a warm cache is above this, cycles.
     pub above_cycles: u64,
-    /// Most that it may be above what is observed, each observed cycle.
+    /// The greatest allowed ratio of the bound to the observed maximum.
     pub ratio: f64,
 }
 
@@ -241,7 +241,7 @@ pub struct Limits {
     pub float_priority: Option<u8>,
     /// Bytes at the end of the stack that must not be touched.
     pub stack_guard_bytes: u64,
-    /// Step rate above which none is looked for, a second: what the queues of the program are made for.
+    /// Step rate above which no proof is tried, a second: what the queues of the program are made for.
     pub step_rate_hz: Option<u32>,
 }
 
@@ -282,7 +282,7 @@ pub struct TaskConfig {
     /// Its kinds of run.
     #[serde(default)]
     pub mode: BTreeMap<String, ModeConfig>,
-    /// Vectors apart from its own that call it.
+    /// Other vectors whose handlers call the task.
     #[serde(default)]
     pub vectors: Vec<String>,
 }
@@ -308,8 +308,8 @@ pub struct ModeConfig {
     pub jitter: Option<Formula>,
     /// What its cost depends on.
     pub units: Option<Units>,
-    /// Modes of the task whose runs come first: of this one, no run begins while one of them is
-    /// due, so it holds them up once.
+    /// Modes of the task with precedence: no run of this mode begins while a run of such a mode is
+    /// due, so each holds those runs up once.
     #[serde(default)]
     pub yields_to: Vec<String>,
     /// Modes of the task of which no run is due while such a run is: neither holds up the other.
@@ -341,7 +341,7 @@ pub struct Units {
 pub struct RegisterConfig {
     /// The first address, ...
     pub from: u32,
-    /// ... and the one behind the last.
+    /// ... and the end of the range.
     pub to: u32,
     /// Functions or files that store to them, also inlined: parts of their paths.
     pub by: Vec<String>,
@@ -428,7 +428,7 @@ impl Config {
         self.evaluate(&self.names(clock, point))
     }
 
-    /// The named bounds where one of them is 0, and what is computed from it.
+    /// The named bounds with one of them set to 0, and the bounds computed from that one.
     ///
     /// # Errors
     ///

@@ -1,8 +1,9 @@
 //! Whether the binary is what the source says: vectors, priorities, ceilings.
 //!
-//! A task's handler must be in its vector, and in no other but those that `schedule.toml` gives it;
-//! the priority that is written for the vector must be the task's; sections must have the ceilings
-//! of resources. A vector that belongs to no task must not interrupt anything.
+//! A task's handler must be in its own vector and in the vectors that `schedule.toml` gives the
+//! task, and in no other; the priority that is written for the vector must be the task's; sections
+//! must have the ceilings of resources. A vector that belongs to no task must not interrupt
+//! anything.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -87,7 +88,7 @@ impl Crosscheck<'_> {
         slots.map(|(slot, _)| slot).collect()
     }
 
-    /// The slots of a task: its own, and those of the vectors that call it.
+    /// The slots of a task: its own, and the slots of vectors whose handlers call the task.
     fn task_slots(&self, task: &AppTask, flaws: &mut Vec<Flaw>) -> BTreeSet<usize> {
         let more = self.config.task.get(&task.name);
         let more = more.map_or(&[][..], |config| config.vectors.as_slice());

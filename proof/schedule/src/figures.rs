@@ -1,7 +1,7 @@
 //! The numbers of `schedule.toml` that no analysis gives, and who keeps each of them.
 //!
-//! Every number there has one `[[figure]]`, which says what it claims and how far that is known. A
-//! number without one is a flaw, as is a `[[figure]]` of a number or a file that does not exist.
+//! Every number there has one `[[figure]]`, which states the claim and its evidence. A number
+//! without one is a flaw, as is a `[[figure]]` of a number or a file that does not exist.
 
 use std::{collections::BTreeMap, path::Path};
 

@@ -1,4 +1,4 @@
-//! What stands in the way of a proof in the code: of tasks with deadlines, sections, stacks.
+//! Flaws of the code: of tasks with deadlines, sections, stacks.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -123,15 +123,15 @@ pub(crate) fn of_sections(
     (sections, flaws)
 }
 
-/// What makes the time of a section's code unknown: instructions that wait, calls of pointers, what is not
-/// decoded, bounds that are wrong or are those of a loop that waits. A panic ends the machine.
+/// Reports code of a section whose time is unknown: waiting instructions, calls of pointers,
+/// undecoded instructions, wrong bounds and bounds of busy waits. A panic ends the machine.
 fn of_code_of_section(system: &System<'_>, section: &Held) -> Vec<Flaw> {
     let Some(own) = system.program.function(section.function) else {
         return Vec::new();
     };
     let is_own = |address: u32| {
         let mut blocks = section.blocks.iter().map(|block| &own.blocks[*block]);
-        // What is not decoded is behind a block that has no other end.
+        // An undecoded instruction follows a block without another end.
         let is_after_trap = |block: &Block| block.traps && address == block.end();
         blocks.any(|block| (block.start()..block.end()).contains(&address) || is_after_trap(block))
     };
@@ -173,8 +173,8 @@ fn of_code_of_section(system: &System<'_>, section: &Held) -> Vec<Flaw> {
     flaws
 }
 
-/// A section that a task enters whose priority is above its ceiling: it does not keep that task from
-/// being interrupted by others that enter it.
+/// Reports a section that is entered by a task with a priority above the section's ceiling: such a
+/// task can be preempted in the section by another task that enters the section.
 fn entered_from_above(system: &System<'_>, section: &Held) -> Option<Flaw> {
     let ceiling = section.ceiling.filter(|it| *it != UNKNOWN_CEILING)?;
     let above = system.rows.iter().find(|row| {

@@ -1,4 +1,4 @@
-//! What stands in the way of a proof.
+//! Flaws: each prevents a proof.
 
 use serde::Serialize;
 
@@ -36,7 +36,7 @@ pub enum Rule {
     Register,
     /// A task with a deadline calls what is exempt.
     Exemption,
-    /// A way through a task is a way of none of its modes.
+    /// A path through a task belongs to none of its modes.
     Mode,
     /// A bound is stated for a loop that waits.
     Wait,
@@ -67,7 +67,7 @@ pub struct Place {
     pub frames: Vec<String>,
 }
 
-/// One thing that is wrong, where, and what to do.
+/// One flaw: description, place and remedy.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
 pub struct Flaw {
     /// Which rule it breaks.

@@ -1,4 +1,4 @@
-//! Functions from their graphs: loops, accesses, and what stands in the way of a bound.
+//! Functions from their graphs: loops, accesses, and flaws.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -62,7 +62,8 @@ impl<'a> Graphs<'a> {
         returns
     }
 
-    /// The names of the functions that call one another, if `address` is among those being walked.
+    /// The names of the functions in a cycle of calls, if `address` is among the functions being
+    /// walked.
     fn cycle(&self, address: u32) -> Option<String> {
         let start = self.open.iter().position(|&open| open == address)?;
         let names = self.open[start..].iter().chain([&address]);
@@ -71,8 +72,8 @@ impl<'a> Graphs<'a> {
     }
 }
 
-/// Special registers by their numbers: what holds all interrupts back, those up to a priority, and
-/// the same if that raises the priority; all and the faults.
+/// Special registers by their numbers: the mask of all interrupts, the priority mask, the same
+/// where a write can only raise it, and the mask of interrupts and faults.
 pub(crate) const PRIMASK: u8 = 16;
 pub(crate) const BASEPRI: u8 = 17;
 pub(crate) const BASEPRI_MAX: u8 = 18;
@@ -255,7 +256,7 @@ impl<'w, 'a> Walk<'w, 'a> {
         }
         for &(to, _) in &successors {
             self.leaders.insert(to);
-            // What an `IT` says of the next instruction goes on with it.
+            // The conditions of an `IT` hold for the next instruction.
             let decoder = if to == next {
                 decoder.clone()
             } else {

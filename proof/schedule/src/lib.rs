@@ -1,8 +1,8 @@
 //! Worst-case execution and response times of an RTIC application, from its ELF file.
 //!
-//! The ELF is read into an image, decoded into functions of blocks, and each function's longest
-//! path found; with the priorities of the application and the times that are asked of its tasks,
-//! that gives a response time for each task. What cannot be bounded is a [`Flaw`], never a guess.
+//! The ELF is read into an image and decoded into functions of blocks, and the longest path of each
+//! function is found. From these, the priorities of the application and the releases of its tasks
+//! follows a response time for each task. What cannot be bounded is a [`Flaw`], never a guess.
 #![forbid(unsafe_code)]
 #![allow(
     clippy::must_use_candidate,

@@ -1,8 +1,8 @@
-//! What is wrong in library code, told where the project calls it.
+//! Flaws in library code, reported at the calls of the project.
 //!
-//! A loop of the compiler's 64-bit division says little to who wrote the division. So a flaw of a
-//! function that has no line of the project is propagated up to its callers, until a call has one; and
-//! what is known by its functions gets a sentence of its own.
+//! A loop of the compiler's 64-bit division says little to the author of the division. So a flaw in a
+//! function without a line of the project is propagated to its callers, up to a call in the
+//! project's code. Well-known functions of libraries get a description of their own.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,7 +16,7 @@ const OWN: &str = "src/";
 enum Cause {
     /// 64-bit numbers are divided.
     Division,
-    /// Memory is copied or filled, a number of bytes that the code does not tell.
+    /// Memory is copied or filled, with a length that is not constant.
     Copy,
     /// `core::fmt`.
     Formatting,
@@ -25,7 +25,7 @@ enum Cause {
 }
 
 impl Cause {
-    /// What a flaw of the function called `name` comes from.
+    /// The cause of a flaw in the function called `name`.
     fn of(name: &str, flaw: &Flaw) -> Self {
         let is_named = |parts: &[&str]| parts.iter().any(|part| name.contains(part));
         if is_named(&["ldivmod", "div_rem", "udivmod"]) {
@@ -96,7 +96,7 @@ pub(crate) fn flaws(program: &Program<'_>, functions: &BTreeSet<u32>) -> Vec<Fla
             found.push(cause.clone().flaw(&name, program.image.place(call.site)));
         }
     }
-    // What the project's calls do not lead to stays where it is.
+    // Flaws that no call of the project reaches keep their place.
     let attributed = reachable(own.iter().map(|call| call.to), &foreign);
     let unattributed = functions.iter().filter(|at| !attributed.contains(at));
     for function in unattributed.filter_map(|at| program.function(*at)) {
@@ -132,7 +132,7 @@ fn calls(program: &Program<'_>, functions: &BTreeSet<u32>) -> Vec<Call> {
     calls.collect()
 }
 
-/// Gives the causes of each function to those of library code that call it.
+/// Propagates the causes of each function to its callers in library code.
 fn propagate(
     program: &Program<'_>,
     calls: &[Call],
@@ -155,7 +155,7 @@ fn propagate(
     }
 }
 
-/// The functions that library code among `calls` reaches from some.
+/// The functions that are reached from some functions by `calls`.
 fn reachable(from: impl Iterator<Item = u32>, calls: &[Call]) -> BTreeSet<u32> {
     let mut reached = BTreeSet::new();
     let mut work: Vec<u32> = from.collect();

@@ -2,8 +2,9 @@
 //!
 //! Cycles: Cortex-M4 technical reference manual (DDI 0439) table 3-1, its ranges at their upper
 //! ends. Waits: what a bus adds to an access, RM0090 chapter 2. Flash: RM0090 chapter 3; without
-//! prefetch a miss costs the wait states. Nothing is credited that the manuals do not promise: no
-//! pipelined loads, no folded `IT`, no tail-chaining, full price for instructions that an `IT` skips.
+//! prefetch a miss costs the wait states. Only effects that the manuals promise are credited: no
+//! pipelined loads, no folded `IT`, no tail-chaining, and full price for instructions that an `IT`
+//! skips.
 
 use std::{collections::BTreeMap, str::FromStr};
 
@@ -13,7 +14,7 @@ use crate::{Address, Block, Instruction, Operation, Region};
 pub(crate) const LINE_BYTES: u32 = 16;
 /// Lines of the instruction cache, which replaces the one that was used least recently.
 pub(crate) const CACHE_LINES: usize = 64;
-/// Bytes that the processor may fetch behind what it executes: three words.
+/// Bytes that the processor may fetch beyond the executed instruction: three words.
 const LOOK_AHEAD: u32 = 12;
 /// Wait of a peripheral bus, core cycles for each division of its clock: the access is synchronised,
 /// and takes two of its cycles.
@@ -84,7 +85,7 @@ pub enum Cache {
     Uncached,
     /// As [`Cache::Uncached`], but a loop whose code fits it misses each line once for each entry.
     Loops,
-    /// The same with what the code costs those that preempt it, whose lines it pushes out.
+    /// As [`Cache::Loops`], with the misses of the preempting tasks whose lines the code evicts.
     Shared,
 }
 
@@ -183,7 +184,7 @@ impl Model {
         self.of("entry")
     }
 
-    /// What a task pays that uses floating point, for what it preempts: saved and restored.
+    /// Cycles for lazy stacking of floating-point registers by a preemption: saved and restored.
     pub fn lazy_save(&self) -> u64 {
         2 * self.of("lazy_save")
     }
@@ -285,9 +286,9 @@ impl Model {
     }
 }
 
-/// Accesses that a load or store of one register makes: of what is at no multiple of its length, each part is one
-/// of its own. Nothing is known of the register that the address is made from: it is taken for such a multiple, which
-/// the replay checks.
+/// Returns the number of accesses by a load or store of one register: an unaligned access is split,
+/// and each part counts. Nothing is known of the register that the address is made from: it is
+/// taken for such a multiple, which the replay checks.
 pub(crate) fn accesses(instruction: &Instruction) -> u64 {
     let (Operation::Load {
         words: 1,
@@ -322,7 +323,7 @@ pub(crate) const fn accesses_at(bytes: u8, address: u32) -> u64 {
     }
 }
 
-/// The lines of a block, with those that may be fetched behind it.
+/// The lines of a block, with the lines that may be fetched beyond its end.
 pub fn lines(block: &Block) -> std::ops::RangeInclusive<u32> {
     let begin = block.instructions.first().map_or(0, |first| first.address);
     let end = block
@@ -332,8 +333,8 @@ pub fn lines(block: &Block) -> std::ops::RangeInclusive<u32> {
     begin / LINE_BYTES..=(end - 1 + LOOK_AHEAD) / LINE_BYTES
 }
 
-/// Lines of `next` that have to be fetched when execution falls into it from `before`: those apart
-/// from the one in use and the one fetched ahead.
+/// Lines of `next` to be fetched when execution falls through from `before`: all but the line in
+/// use and the line fetched ahead.
 pub(crate) fn new_lines(before: &Block, next: &Block) -> u64 {
     let end = before.instructions.last().map_or(0, Instruction::end);
     let used =

@@ -1,9 +1,9 @@
-//! Whether each way through a task is a way of one of its modes.
+//! Whether each path through a task belongs to one of its modes.
 //!
-//! A mode says which functions its runs do not call, and its time is that of the ways that are left.
-//! A way on which two functions are called that no mode has together would be in no time at all. So
-//! the functions that a way may call are followed through the task, a bit for each that a mode
-//! excludes; of the sets that are found, those that are part of another say nothing more.
+//! A mode lists the functions that its runs do not call, and its WCET covers the remaining paths. A
+//! path that calls two functions which no mode has together would be covered by no WCET. So the sets
+//! of functions that paths may call are followed through the task, a bit for each excluded function; a
+//! set that is part of another set is dropped.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,7 +13,7 @@ use crate::{
     wcet::Functions,
 };
 
-/// Functions that a way calls, a bit for each.
+/// Functions that a path calls, a bit for each.
 type Called = u64;
 /// Most functions that the modes of a task exclude together.
 const MOST: usize = 64;
@@ -79,7 +79,7 @@ fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
     ))
 }
 
-/// The ways through the functions of a task.
+/// The paths through the functions of a task.
 struct CallPaths<'a> {
     functions: &'a Functions,
     tagged: &'a [u32],
@@ -88,12 +88,13 @@ struct CallPaths<'a> {
     /// Functions that no mode calls.
     never: &'a BTreeSet<u32>,
     known: BTreeMap<u32, Vec<Called>>,
-    /// The first way found that no mode has: the instruction with which it is none, and what it calls.
+    /// The first path found that no mode covers: the instruction that calls the deciding function,
+    /// and the set of called functions.
     uncovered: Option<(u32, Called)>,
 }
 
 impl CallPaths<'_> {
-    /// What is called on the ways through a function, itself included.
+    /// What is called on the paths through a function, itself included.
     fn of(&mut self, address: u32) -> Vec<Called> {
         if let Some(known) = self.known.get(&address) {
             return known.clone();
@@ -137,7 +138,7 @@ impl CallPaths<'_> {
         found
     }
 
-    /// What is called on one of some ways and then on one of others.
+    /// The sets of functions called on a path of the first and then a path of the second kind.
     fn both(&mut self, first: &[Called], second: &[Called], at: u32) -> Vec<Called> {
         let mut found = Vec::new();
         for (one, other) in first
@@ -153,7 +154,7 @@ impl CallPaths<'_> {
         found
     }
 
-    /// Whether a mode has a way that calls these.
+    /// Whether a mode has a path that calls these functions.
     fn is_covered(&self, called: Called) -> bool {
         let mut excluded = self.excluded.iter();
         excluded.any(|excluded| called & excluded == 0)
@@ -189,7 +190,7 @@ mod tests {
         }
     }
 
-    /// What is called on no mode's way, where the modes exclude one of two functions each.
+    /// What is called on no mode's path, where the modes exclude one of two functions each.
     fn uncovered(shape: &[(u32, &[usize])], calls: &[(usize, u32)]) -> Option<Called> {
         let mut root = testing::function(shape);
         for &(block, callee) in calls {

@@ -1,7 +1,7 @@
 //! When the edges of the step pins come after the release of their task: the jitter.
 //!
-//! The first store to a port's set-reset register outputs what the run before has computed. The
-//! longest way there, from a cold cache, less the shortest, is how much an edge may move.
+//! The first store to a port's set-reset register outputs the pins that the previous run has
+//! computed. The jitter is the longest path to that store, from a cold cache, less the shortest.
 
 use std::collections::BTreeSet;
 
@@ -45,7 +45,7 @@ const fn is_set_reset(address: u32) -> bool {
     matches!(address, 0x4002_0000..=0x4002_2bff) && address & 0x3ff == 0x18
 }
 
-/// In which block a store is first, and at which place in it.
+/// The index of the first of the stores in a block.
 fn place(function: &Function, stores: &BTreeSet<u32>, block: usize) -> Option<usize> {
     let instructions = &function.blocks[block].instructions;
     instructions

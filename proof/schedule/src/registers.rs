@@ -1,10 +1,10 @@
 //! Stores to registers that the proof rests on: clocks, flash, DMA, the processor's own.
 //!
-//! Nothing may store to them but what `schedule.toml` names, and what is stored to the access
-//! control of the flash must be what its clocks say. An alias of a bit counts as the word that the
-//! bit is in. A store to a peripheral at an address that is not known is refused, since it may be one
-//! to such a register: so is one that is volatile and may go anywhere. Other stores that may go
-//! anywhere are taken for those of memory-safe Rust, which go to memory.
+//! Only the stores that `schedule.toml` names may write to these registers, and the value stored to
+//! the access control of the flash must agree with the clocks of `schedule.toml`. An alias of a bit
+//! counts as the word that the bit is in. A store to a peripheral at an unknown address is refused,
+//! since the target may be such a register; so is a volatile store at an unknown address. Other
+//! stores that may go anywhere are taken for those of memory-safe Rust, which go to memory.
 
 use std::collections::BTreeSet;
 
@@ -39,7 +39,7 @@ const INTERRUPT_REGISTERS: [(u32, u32); 3] = [
 ];
 /// What runs first, before there is a stack to speak of.
 const RESET: &str = "Reset";
-/// Aliases of the bits of peripherals: where they begin and end, and what is behind them.
+/// Aliases of the bits of peripherals: where they begin and end, and the aliased memory.
 const BIT_BAND_ALIASES: std::ops::Range<u32> = 0x4200_0000..0x4400_0000;
 const PERIPHERALS: u32 = 0x4000_0000;
 const BYTES_PER_BIT_ALIAS: u32 = 32;
@@ -107,7 +107,7 @@ impl Registers<'_> {
         ))
     }
 
-    /// What is wrong with a store to a constant address, and what to do about it.
+    /// The flaw of a store to a constant address, and its remedy.
     fn to_known(&self, function: &Function, store: &Store, to: u32) -> Option<(String, String)> {
         let (from, end) = if BIT_BAND_ALIASES.contains(&to) {
             let word = PERIPHERALS + (((to - BIT_BAND_ALIASES.start) / BYTES_PER_BIT_ALIAS) & !3);

@@ -1,4 +1,4 @@
-//! The result of an analysis, as `--json` tells it.
+//! The result of an analysis, as `--json` prints it.
 
 use std::collections::BTreeMap;
 
@@ -35,8 +35,8 @@ pub struct Report {
     pub proven_step_rate_hz: BTreeMap<String, u32>,
     /// The same without anything that is assumed of the instruction cache.
     pub uncached_step_rate_hz: BTreeMap<String, u32>,
-    /// How long tasks with deadlines may keep the processor from those without: at the step rate of the
-    /// table, at those that are required and at those that are proven.
+    /// How long tasks with deadlines may keep the processor from tasks without: at the step rate of
+    /// the table, at all required rates and at all proven rates.
     pub undeadlined_waits: Vec<UndeadlinedWait>,
     /// What keeps `idle` from feeding the watchdog besides tasks with deadlines.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -107,12 +107,12 @@ pub struct TasksWithoutDeadline {
     pub tasks: Vec<String>,
     /// Loops that are counted, or whose number of runs the source states.
     pub counted: usize,
-    /// Loops that feed the watchdog in each round.
+    /// Loops that feed the watchdog in each iteration.
     pub fed: usize,
     /// The others.
     pub uncounted: Vec<UncountedLoops>,
-    /// How long a run of each of the tasks takes, one after the other, without the rounds of the loops that nothing
-    /// counts, cycles; `None`: it is not known.
+    /// How long a run of each of the tasks takes, one after the other, without the iterations of
+    /// uncounted loops, cycles; `None`: not known.
     pub rest_cycles: Option<u64>,
 }
 
@@ -188,7 +188,7 @@ pub struct Task {
 /// beginning, less the jitter, and ends with the smallest window `w = once + Σ own + Σ others`. Of the
 /// others, the releases of `w + jitter` count, but one at least; of its own streams but the last, those
 /// due before `release(n + 1)`; of the last, `n + 1`. The response time is the longest from when a job is
-/// due to its end, of all jobs up to the first whose end is not behind the next one's release.
+/// due to its end, of all jobs up to the first that ends before the next release.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Window {
     /// The task's own work: the last stream is the one whose ends count.
@@ -212,7 +212,7 @@ pub struct Stream {
     pub burst: f64,
     /// How much later than it is due a release may come, cycles.
     pub jitter: f64,
-    /// What one costs at most, with what it costs others, cycles.
+    /// The highest cost of one release, with the delay of other tasks, cycles.
     pub cost: u64,
 }
 

@@ -1,16 +1,15 @@
 //! Response times of all rows at one step rate and baud rate.
 //!
-//! Several statements about the instruction cache are true at once, each gives a response time that
-//! is safe, and the least of them counts:
+//! Each of the following models of the instruction cache gives a safe response time, and the least
+//! response time counts:
 //!
-//! * *uncached*: nothing but the line in use is ever in the cache;
-//! * *cold*: one run misses each of its lines once, if all of them fit the cache. A preemption may
-//!   cost the one that is preempted all its lines again: where the least recently used line is
-//!   replaced, one line too many may push out all others, so what the preempting task touches says
-//!   nothing;
-//! * *persistent*: if the lines of all that may run in a busy window fit the cache together, none is
-//!   pushed out in it, and each is missed once in the whole window;
-//! * *loops*: the same for the loops of a task and those that preempt it most often; see
+//! * *uncached*: only the line in use is ever in the cache;
+//! * *cold*: one run misses each of its lines once, if all of them fit the cache. A preemption may evict
+//!   all lines of the preempted task: with replacement of the least recently used line, one line too
+//!   many may evict all others, so the lines of the preempting task do not limit the eviction;
+//! * *persistent*: if the lines of all tasks in a busy window fit the cache together, none is evicted in
+//!   the window, and each is missed once in the whole window;
+//! * *loops*: the same for the loops of a task and the tasks that preempt it most often; see
 //!   [`crate::persistent_window`].
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -26,9 +25,9 @@ use crate::{
     system::{Cost, System},
 };
 
-/// Lines that are fetched again when a task goes on behind a preemption without a cache.
+/// Lines that are fetched again when a task resumes after a preemption without a cache.
 const REFETCHED: u64 = 2;
-/// Response times above so many deadlines are not looked for.
+/// Response times above so many deadlines are not computed.
 const HOPELESS: f64 = 4.0;
 
 /// A section that may hold tasks up.
@@ -172,8 +171,8 @@ fn up_to(
 /// How long tasks with deadlines may keep the processor from those without, which have lower priorities,
 /// cycles; `None`: more than `limit`.
 ///
-/// All rows that may be due together are in the demand of one of the lowest priority: of the one to which
-/// none of the others yields.
+/// All rows that may be due together are in the demand of a row of the lowest priority: the row to
+/// which no other row yields.
 ///
 /// # Errors
 ///
@@ -200,7 +199,7 @@ pub(crate) fn undeadlined_wait(
     Ok(busy.and_then(|busy| busy.into_iter().max()))
 }
 
-/// What is substituted, and what that costs.
+/// The substituted runs and their cost.
 ///
 /// # Errors
 ///
@@ -272,7 +271,7 @@ struct Window<'a> {
     others: Vec<&'a RowDemand>,
     /// Runs of the same task that may have begun before this one was due.
     yielding: Vec<&'a RowDemand>,
-    /// Longer responses are not looked for.
+    /// Longer responses are not computed.
     limit: u64,
     miss: u64,
     is_cached: bool,
@@ -421,8 +420,8 @@ impl<'a> Window<'a> {
         let visit = visits.fold(own.1, u64::max);
         let restart = RESTART + if self.retries() { RETRY } else { 0 };
         let cost = |row_demand: &RowDemand| {
-            let again = self.reloading(row_demand.priority, Kind::Uncached, Kind::Uncached);
-            tasks.cost(row_demand, visit, (restart, again))
+            let reload = self.reloading(row_demand.priority, Kind::Uncached, Kind::Uncached);
+            tasks.cost(row_demand, visit, (restart, reload))
         };
         let substitution_cost = self.substitution_cost(|row_demand| {
             if row_demand.priority == self.own.priority {
@@ -503,12 +502,12 @@ impl<'a> Window<'a> {
             let is_kind = self.system.rows[row_demand.row].kind_of == Some(self.own.row);
             let is_own = is_kind || row_demand.row == self.own.row;
             let preempts = row_demand.priority > self.own.priority;
-            let again = if preempts && own != Kind::Warm {
+            let reload = if preempts && own != Kind::Warm {
                 self.reloading(row_demand.priority, own_kind, others)
             } else {
                 0
             };
-            let more = again + if preempts { RESTART + RETRY } else { 0 };
+            let more = reload + if preempts { RESTART + RETRY } else { 0 };
             let kind = if is_own { own } else { others };
             let parts = row_demand.parts.iter().map(|part| Load {
                 arrival: part.arrival,
@@ -547,7 +546,8 @@ impl<'a> Window<'a> {
         self.blocking + OUTSTANDING_TRANSFER + yielding.max().unwrap_or(0)
     }
 
-    /// What a preemption by that priority costs those that may be preempted in this window.
+    /// Cycles for the lines that a preemption by such a priority evicts from the tasks of this
+    /// window.
     fn reloading(&self, priority: u8, own: Kind, others: Kind) -> u64 {
         let lines = |kind: Kind, cost: &Cost| match kind {
             Kind::Cold => cost.lines.len().min(CACHE_LINES) as u64,
@@ -560,7 +560,7 @@ impl<'a> Window<'a> {
     }
 }
 
-/// What the sections mean for the tasks: those that are not exempt and have a length.
+/// Blocking by sections: by all that are not exempt and have a length.
 pub(crate) fn blocking(
     system: &System<'_>,
     held: &[crate::sections::Held],

@@ -1,8 +1,9 @@
 //! Response times of tasks with fixed priorities.
 //!
-//! Tasks preempt those of lower priority and run one after another at the same; lower priorities
-//! hold a task up for one critical section at most (stack resource policy: T. Baker 1991). Response
-//! times by M. Joseph and P. Pandya 1986, over all jobs of the busy window (J. Lehoczky 1990).
+//! Tasks preempt tasks of lower priority, and run one after another at the same priority; lower
+//! priorities hold a task up for one critical section at most (stack resource policy: T. Baker
+//! 1991). Response times by M. Joseph and P. Pandya 1986, over all jobs of the busy window (J.
+//! Lehoczky 1990).
 
 /// What a quotient in floating point may be above the true one: far less than a cycle's worth.
 const ROUNDING: f64 = 1e-9;
@@ -58,7 +59,7 @@ impl Arrival {
 pub(crate) struct Load {
     /// When it is released.
     pub(crate) arrival: Arrival,
-    /// What one run costs, with what it costs the task that it preempts.
+    /// The cost of one run, with the delay of the task that the run preempts.
     pub(crate) cost: u64,
 }
 
@@ -79,8 +80,7 @@ impl Demand {
         response(&self.own, &self.others, self.once, limit)
     }
 
-    /// How long the processor is busy with it, if that is below a limit: with all that is released in
-    /// that time.
+    /// The length of the busy window, if below a limit: with all releases in that time.
     pub(crate) fn busy(&self, limit: u64) -> Option<u64> {
         let loads = || self.own.iter().chain(&self.others);
         fixed_point(self.once, limit, |window| {
@@ -150,7 +150,7 @@ pub(crate) fn worst(
     None
 }
 
-/// The smallest window that is as long as what happens in it.
+/// The smallest window as long as its own demand.
 pub(crate) fn fixed_point(start: u64, limit: u64, demand: impl Fn(u64) -> u64) -> Option<u64> {
     let mut window = start;
     loop {
@@ -293,9 +293,10 @@ mod tests {
         offset: u64,
     }
 
-    /// What a processor does that runs the highest priority first, in steps of one cycle, until it
-    /// is idle: the longest time of each task from when a job is due to its end. The first job of each
-    /// is released as late as it may be, the others when they are due, but not before the first.
+    /// A processor with fixed priorities and preemption, simulated in steps of one cycle until it
+    /// is idle: returns the longest time of each task from the due time of a job to its end. The
+    /// first job of each is released as late as it may be, the others when they are due, but not
+    /// before the first.
     fn simulate(tasks: &[Simulated], horizon: u64) -> Vec<u64> {
         let mut jobs: Vec<Vec<(u64, u64)>> = vec![Vec::new(); tasks.len()];
         let mut worst = vec![0; tasks.len()];

@@ -2,7 +2,8 @@
 //!
 //! Within a function the stack pointer moves by constants only; what a call adds is the depth of
 //! the function called. Tasks of one priority never preempt one another, so the deepest stack is
-//! that of the main program and, for each priority, the deepest task with its exception frame.
+//! the depth of the main program plus, for each priority, the depth of the deepest task with its
+//! exception frame.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -38,8 +39,8 @@ pub(crate) struct Depths<'a> {
 }
 
 impl<'a> Depths<'a> {
-    /// `is_ignored`: functions whose calls do not count, panics. `pointers`: for each function that
-    /// calls through pointers, what it may call.
+    /// `is_ignored`: functions whose calls do not count, panics. `pointers`: the possible callees
+    /// of each function that calls through pointers.
     pub(crate) fn new(
         functions: &'a Functions,
         is_ignored: &'a dyn Fn(u32) -> bool,
@@ -54,8 +55,8 @@ impl<'a> Depths<'a> {
         }
     }
 
-    /// The same without what a function calls before it lets interrupts in, as long as nothing of
-    /// that can let them in: no task is on top of it.
+    /// The depths without the callees of a function before interrupts are enabled, where none of
+    /// these callees can enable interrupts: no task is on top of them.
     pub(crate) fn under_tasks(mut self, function: &Function) -> Self {
         let opens = |block: &Block| (block.instructions.iter()).any(|it| lets_in(function, it));
         let from = (0..function.blocks.len()).filter(|at| opens(&function.blocks[*at]));
@@ -112,7 +113,7 @@ impl<'a> Depths<'a> {
         called.into_iter().all(|call| self.is_quiet(call, seen))
     }
 
-    /// Bytes that a function takes, with what it calls.
+    /// Bytes of a function's frame, with the frames of its callees.
     ///
     /// # Errors
     ///
@@ -203,8 +204,8 @@ impl<'a> Depths<'a> {
     }
 }
 
-/// Whether an instruction lets interrupts in that were kept out. What is written back to the mask
-/// is what it was before, and so does not, unless it is known to be otherwise.
+/// Whether an instruction lets interrupts in that were kept out. A write restores the mask, and so
+/// enables nothing, unless a constant is known to be written.
 fn lets_in(function: &Function, instruction: &Instruction) -> bool {
     const PRIMASK: u8 = 16;
     match instruction.operation {
@@ -251,7 +252,7 @@ pub(crate) fn constant<'i>(
     }
 }
 
-/// What is known where two ways meet; of two depths the greater.
+/// The join of two states; of two depths the greater.
 fn join(one: Registers, other: Registers) -> Registers {
     let mut joined = one;
     for (value, other) in joined.iter_mut().zip(other) {

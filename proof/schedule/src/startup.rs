@@ -3,14 +3,15 @@
 //! Functions that are inlined are found by what the program file says of each instruction. The order is that of
 //! effects: accesses to peripherals and calls, which the compiler keeps in the order of the source.
 //!
-//! A program with a watchdog needs both: what `schedule.toml` leaves out is told, as is a function that it names and the
-//! program lacks.
+//! A program with a watchdog needs both tables: a missing table is reported, as is a function that
+//! `schedule.toml` names and the program lacks.
 
 use std::{collections::BTreeSet, rc::Rc};
 
 use crate::{
     Config, Flaw, Function, Image, Instruction, Loop, Operation, Program, Region, Rule, busy_waits,
     config::{Startup, Watchdog, is_named},
+    loops,
     system::misconfigured,
 };
 
@@ -176,7 +177,7 @@ impl Order<'_> {
                 .is_some_and(|called| is_named(&self.image.name(called), name))
     }
 
-    /// What is wrong with one function that must be over before another one begins.
+    /// The flaw of two functions of which the first must have ended before the second begins.
     fn pair(&self, one: &str, other: &str) -> Option<Flaw> {
         let of = |name: &str| -> Vec<usize> {
             let all = self.effects.iter().enumerate();
@@ -232,7 +233,7 @@ impl Order<'_> {
         })
     }
 
-    /// Whether there is a way to an effect from behind another, or from the beginning, that avoids some.
+    /// Whether a path leads to an effect from another, or from the beginning, and avoids some.
     fn is_reached(
         &self,
         from: Option<usize>,
@@ -305,7 +306,7 @@ fn of_watchdog(program: &Program<'_>, watchdog: &Watchdog) -> Vec<Flaw> {
     flaws
 }
 
-/// Whether the watchdog is fed in each round of a loop.
+/// Whether the watchdog is fed in each iteration of a loop.
 pub(crate) fn feeds(function: &Function, one: &Loop, watchdog: &Watchdog) -> bool {
     let feeds: BTreeSet<u32> = function
         .stores
@@ -316,7 +317,7 @@ pub(crate) fn feeds(function: &Function, one: &Loop, watchdog: &Watchdog) -> boo
     one.blocks.iter().any(|&block| {
         let mut own = function.blocks[block].instructions.iter();
         own.any(|it| feeds.contains(&it.address))
-            && busy_waits::is_on_every_path(function, one, block)
+            && loops::is_on_every_path(function, one, &BTreeSet::from([block]))
     })
 }
 

@@ -26,7 +26,7 @@ pub(crate) struct Row {
     pub(crate) task: AppTask,
     /// Its handler.
     pub(crate) root: u32,
-    /// That, and what else vectors call which call it.
+    /// The handler, and the handlers in other vectors that call it.
     entries: Vec<u32>,
     /// Functions that are not called in it.
     pub(crate) excluded: BTreeSet<u32>,
@@ -37,7 +37,7 @@ pub(crate) struct Row {
 }
 
 impl Row {
-    /// What vectors call: its handler, and what calls that.
+    /// The handlers in vectors: the task's own, and the callers of the task.
     pub(crate) fn entries(&self) -> &[u32] {
         &self.entries
     }
@@ -97,7 +97,7 @@ pub(crate) struct System<'a> {
     used: Vec<BTreeSet<String>>,
     /// Costs by row and the values of the bounds that it uses.
     costs: RefCell<BTreeMap<Key, Option<Rc<Cost>>>>,
-    /// The same with persistent loops, the rows whose lines stay beside theirs, and the most lines that
+    /// The same with persistent loops, the rows whose lines stay in the cache, and the most lines that
     /// a visit loads.
     persistent_costs: RefCell<BTreeMap<PersistentKey, Option<(PersistentCost, u64)>>>,
 }
@@ -336,7 +336,7 @@ impl<'a> System<'a> {
         cost
     }
 
-    /// What a row costs with persistent loops beside the code of other rows, and how many lines one
+    /// The cost of a row with persistent loops and resident code of other rows, and how many lines one
     /// of their visits loads at most.
     pub(crate) fn persistent_cost(
         &self,

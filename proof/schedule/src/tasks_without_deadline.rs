@@ -1,9 +1,10 @@
-//! The loops of tasks without a deadline, and what these tasks take besides.
+//! Uncounted loops of tasks without a deadline, and the execution time of these tasks besides.
 //!
-//! `idle` feeds the watchdog when all of them have come to their end. So each of their loops has to end. One that
-//! nothing counts, and that does not feed the watchdog itself, has to be named in `schedule.toml`, with what ends it:
-//! any other is an error. All else that these tasks do has a bound, which is a figure of the report: each way of a
-//! run, without the rounds of the loops that are named.
+//! `idle` feeds the watchdog when all of them have come to their end. So each of their loops has to
+//! end. A loop without a count that does not feed the watchdog must be named in `schedule.toml`,
+//! with the reason why it ends; any other such loop is an error. All else that these tasks do has a
+//! bound, which is a figure of the report: each way of a run, without the rounds of the loops that
+//! are named.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,7 +20,7 @@ use crate::{
     wcet::{Functions, Wcets},
 };
 
-/// Writes down the loops of the tasks without a deadline, what these take besides, and what is wrong with them.
+/// Reports the loops of the tasks without a deadline, the execution time besides, and flaws.
 pub(crate) fn report_loops(
     system: &System<'_>,
     named: &BTreeMap<String, u64>,
@@ -84,7 +85,7 @@ pub(crate) fn report_loops(
     report.flaws.extend(flaws);
 }
 
-/// The functions that are left out.
+/// The functions that `schedule.toml` excludes from this analysis.
 fn excluded_functions(system: &System<'_>, watchdog: &Watchdog) -> BTreeSet<u32> {
     let is_excluded = |name: &str| {
         watchdog
@@ -99,7 +100,7 @@ fn excluded_functions(system: &System<'_>, watchdog: &Watchdog) -> BTreeSet<u32>
         .collect()
 }
 
-/// What a root calls, also through pointers, but for panics and what is excused.
+/// The functions that a root calls, also through pointers, without panics and excluded functions.
 fn reach(
     system: &System<'_>,
     root: u32,
@@ -173,7 +174,7 @@ fn unnamed(within: &str, place: Place) -> Flaw {
     )
 }
 
-/// What is wrong with the entries themselves.
+/// The flaws of the entries themselves.
 fn of_entries(watchdog: &Watchdog) -> Vec<Flaw> {
     let mut flaws = Vec::new();
     let mut seen = BTreeSet::new();
@@ -204,7 +205,7 @@ fn bounded_cycles(
     pointers: &BTreeMap<u32, BTreeSet<u32>>,
 ) -> Option<u64> {
     let frame = system.model.entry_and_exit() + system.model.lazy_save() + system.model.miss();
-    // What a pointer leads to is taken for the costliest; that may call through pointers itself.
+    // A pointer is taken to call the costliest function, which may call through pointers itself.
     loop {
         let wcets = Wcets::new(&functions, &system.model, named, excluded.clone());
         let costliest = costliest(&wcets, pointers);
@@ -219,7 +220,7 @@ fn bounded_cycles(
     }
 }
 
-/// Takes away the rounds of loops that nothing counts, and the calls of what is left out.
+/// Removes the iterations of uncounted loops, and the calls of excluded functions.
 fn strip(function: &mut Function, excluded_by_watchdog: &BTreeSet<u32>) {
     for block in &mut function.blocks {
         block.call = block
@@ -238,8 +239,8 @@ fn strip(function: &mut Function, excluded_by_watchdog: &BTreeSet<u32>) {
     unroll(function);
 }
 
-/// Makes a graph without loops with two entries: a way that goes back in one goes on in a copy of the graph. There
-/// are as many copies as such ways back: each loop can be passed once from any of its entries.
+/// Makes loops with two entries acyclic: an edge back in such a loop leads to a copy of the graph. There are as many
+/// copies as such edges: each loop can be passed once from any of its entries.
 fn unroll(function: &mut Function) {
     let back = back_edges(function);
     let (blocks, loops) = (function.blocks.clone(), function.loops.clone());
@@ -269,7 +270,7 @@ fn unroll(function: &mut Function) {
     }
 }
 
-/// The ways back in a function that are not those of its loops.
+/// The back edges of a function that belong to no natural loop.
 fn back_edges(function: &Function) -> BTreeSet<(usize, usize)> {
     let mut is_open = vec![false; function.blocks.len()];
     let mut is_seen = is_open.clone();
@@ -297,9 +298,9 @@ fn back_edges(function: &Function) -> BTreeSet<(usize, usize)> {
     back
 }
 
-/// For each function that calls through pointers, the costliest that these may lead to.
+/// For each function that calls through pointers, the costliest possible callee.
 fn costliest(wcets: &Wcets<'_>, pointers: &BTreeMap<u32, BTreeSet<u32>>) -> BTreeMap<u32, u32> {
-    // What has no bound is the costliest.
+    // A function without a bound is the costliest.
     let cost = |at: &u32| {
         let bound = wcets.bound(*at, Cache::Uncached);
         bound.map_or(u64::MAX, |bound| bound.cycles())
@@ -311,7 +312,7 @@ fn costliest(wcets: &Wcets<'_>, pointers: &BTreeMap<u32, BTreeSet<u32>>) -> BTre
     costliest.collect()
 }
 
-/// Writes what pointers lead to into the blocks that call through them. Returns whether anything was not so.
+/// Resolves the calls through pointers in all blocks. Returns whether any call changed.
 fn resolve(functions: &mut Functions, costliest: &BTreeMap<u32, u32>) -> bool {
     let mut is_new = false;
     for (address, function) in functions {
@@ -326,7 +327,7 @@ fn resolve(functions: &mut Functions, costliest: &BTreeMap<u32, u32>) -> bool {
             let called = known.or_else(|| costliest.get(address).copied());
             if called.is_some() && block.call != called {
                 block.call = called;
-                // A jump ends the function as what it leads to does.
+                // A jump ends the function as its target does.
                 block.ends |= block.traps;
                 block.traps = false;
                 is_new = true;
@@ -351,7 +352,7 @@ mod tests {
         (1000, &[1]),
     ];
 
-    /// What a function costs, with whatever it calls.
+    /// The cost of a function with its callees.
     fn cost(functions: &Functions, address: u32) -> Option<u64> {
         let (model, named) = (Model::new(&testing::CLOCK), BTreeMap::new());
         let wcets = Wcets::new(functions, &model, &named, BTreeSet::new());
@@ -369,7 +370,7 @@ mod tests {
         assert_eq!(back_edges(&function).len(), 1);
         strip(&mut function, &BTreeSet::new());
         assert_eq!(back_edges(&function).len(), 0);
-        // 0, 5, 1, 2 and in a second round 1, 3, or: 2, 1, 2.
+        // 0, 5, 1, 2 and in a second pass 1, 3, or: 2, 1, 2.
         let longest = alone(function);
         let path = 1 + 1000 + 10 + 100;
         assert!(longest >= path + 10, "{longest}");

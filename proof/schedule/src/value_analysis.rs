@@ -1,4 +1,4 @@
-//! The values of registers at every block of a function.
+//! Value analysis: the abstract state before each block of a function, as a forward data-flow analysis.
 
 use std::collections::BTreeSet;
 
@@ -44,7 +44,7 @@ pub(crate) fn solve(around: Surroundings<'_>, blocks: &[Block], entry: State) ->
     before
 }
 
-/// Shows each instruction with the state before it.
+/// Calls `show` for each instruction with the state before it.
 pub(crate) fn visit(
     around: Surroundings<'_>,
     blocks: &[Block],
@@ -62,15 +62,15 @@ pub(crate) fn visit(
     }
 }
 
-/// What a function does with its frame, what it writes, and what it returns.
+/// The summary of a function: use of its frame, writes through its arguments, and result.
 #[derive(Debug, Clone)]
 pub(crate) struct FunctionSummary {
     /// The lowest place of its frame that it makes a pointer to.
     pub(crate) lowest_pointer: i32,
-    /// Whether it may write to what it was called with on the stack.
+    /// Whether the function may write to its arguments on the stack.
     pub(crate) writes_arguments: bool,
-    /// What it writes behind each of its arguments, as far as that is not through a pointer that
-    /// was kept in memory.
+    /// Bytes that the function writes through each of its arguments, without writes through
+    /// pointers that were kept in memory.
     pub(crate) writes: Writes,
     /// The memory that its result points into.
     pub(crate) result: Region,
@@ -103,7 +103,7 @@ impl FunctionSummary {
                 result = Some(result.map_or(value, |known| known.join(value)));
             }
         });
-        // A jump out of the function returns what is not known here.
+        // The result of a jump out of the function is not known here.
         let leaves = blocks
             .iter()
             .any(|block| block.ends && block.call.is_some());
@@ -122,13 +122,13 @@ impl FunctionSummary {
     }
 }
 
-/// Everything behind a pointer, and before it.
+/// All offsets from a pointer.
 const ALL: (i32, i32) = (i32::MIN, i32::MAX);
 
-/// What a function writes behind each of its arguments.
+/// Bytes that a function writes through each of its arguments.
 type Writes = [Spans; ARGUMENTS as usize];
 
-/// Adds what an instruction writes behind the arguments of its function.
+/// Adds the bytes that an instruction writes through the arguments of its function.
 fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, writes: &mut Writes) {
     match operation {
         Operation::Store {
@@ -139,7 +139,7 @@ fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, wri
         } => {
             let length = i32::from(words) * i32::from(bytes);
             let to = state.address(address);
-            // Words that are put back where they come from do not count.
+            // A word that is stored to the place of its load does not count.
             let is_put_back = |distance: i32, source: u8| {
                 let place = to.add(distance).argument_offset();
                 place.is_some_and(|(register, distance)| {
@@ -157,7 +157,7 @@ fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, wri
                     add_writes_through(writes, to, &[(distance, distance + 4)]);
                 }
             }
-            // Whoever finds a pointer in memory may write behind it.
+            // Any function may write through a pointer that is in memory.
             let slot = to.in_frame();
             if slot.is_none_or(|slot| slot >= around.lowest_pointer) {
                 for source in sources(operation) {
@@ -189,14 +189,14 @@ fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, wri
     }
 }
 
-/// Adds what an unknown function writes.
+/// Adds all bytes that an unknown function may write.
 fn add_unknown(writes: &mut Writes, state: &State) {
     for register in 0..ARGUMENTS {
         add_writes_through(writes, state.get(register), &[ALL]);
     }
 }
 
-/// Adds what is written behind a pointer.
+/// Adds the bytes that are written through a pointer.
 fn add_writes_through(writes: &mut Writes, pointer: Value, spans: &[(i32, i32)]) {
     for (register, to) in (0..).zip(writes) {
         match pointer.argument_offset() {
@@ -225,8 +225,8 @@ fn merge(spans: &mut Spans) {
     *spans = merged;
 }
 
-/// The place in the frame that a register becomes a pointer to, `None` if that is not known; or
-/// that it becomes no such pointer.
+/// The slot of the frame to which an instruction makes a pointer, `None` if the slot is not known;
+/// or no pointer at all.
 #[expect(
     clippy::option_option,
     reason = "a pointer that may be missing, to what may be unknown"

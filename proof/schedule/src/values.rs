@@ -1,11 +1,15 @@
-//! What registers and stack slots hold: constants, distances from one another, kinds of memory.
+//! The abstract values of registers and stack slots: constants, distances, kinds of memory.
 //!
-//! Assumed of the program, because it is memory-safe Rust: a pointer is made from another by adding
-//! to it, and stays in its memory; small integers are not addresses; what a function keeps in its
-//! frame changes only through pointers into that frame, each of which reaches what lies above it; a
-//! pointer that is replaced through a pointer kept in memory, or in a static by its address, is
-//! replaced by one into the same kind of memory. (That an `enum` has one of its values is assumed
-//! too, where a jump table would lead to a trap.)
+//! The analysis assumes a memory-safe Rust program:
+//!
+//! * a pointer is made from another by adding to it, and stays in the memory of the other;
+//! * small integers are not addresses;
+//! * a slot of a function's frame changes only through pointers into the frame, each of which reaches
+//!   the memory above it;
+//! * a pointer that is replaced through a pointer kept in memory, or in a static by its address, is
+//!   replaced by a pointer into the same kind of memory;
+//! * an `enum` has one of its values, where a jump table would lead to a trap.
+//!
 //! `--replay` checks the outcome.
 
 mod flags;
@@ -65,7 +69,7 @@ pub(crate) enum Base {
     Entry(u8),
     /// What the instruction at this address wrote to this register when it was executed last.
     Written(u32, u8),
-    /// The word so many bytes behind what this register holds where the function begins, when it
+    /// The word at an offset from the value that this register has where the function begins, when it
     /// was loaded last.
     Behind(u8, i32),
 }
@@ -149,7 +153,7 @@ impl Value {
         }
     }
 
-    /// Where it is behind what the function was called with in a register: which, and how far.
+    /// The argument register to which the address is relative, and the offset.
     pub(crate) const fn argument_offset(self) -> Option<(u8, i32)> {
         match self {
             Self::From {
@@ -161,7 +165,7 @@ impl Value {
         }
     }
 
-    /// Whether it is what was loaded from behind an argument, so far.
+    /// Whether the value was loaded from this offset of an argument.
     pub(crate) fn is_loaded_from_argument(self, register: u8, distance: i32) -> bool {
         let place = Base::Behind(register, distance);
         matches!(self, Self::From { base, offset: 0, .. } if base == place)

@@ -7,7 +7,7 @@ use crate::{
     system::{Row, System},
 };
 
-/// Lines that are told.
+/// Most lines that are listed.
 const MOST_LINES: usize = 40;
 
 /// The lines of a row's worst path with such a cache, the dearest first; none where it has no deadline.

@@ -1,4 +1,4 @@
-//! `cargo xtask latency`: how long tasks wait and take, measured, beside what is proven of them.
+//! `cargo xtask latency`: how long tasks wait and take, measured, with the proven bounds.
 //!
 //! The firmware is built with the feature `trace`: each task with a deadline writes a record of
 //! each of its activations into a ring in memory, which a debugger reads while it runs. On a board
@@ -48,7 +48,7 @@ use crate::flash;
 
 /// How long is measured when nobody says.
 const SECONDS: u64 = 10;
-/// Time between two looks at what has been found so far.
+/// Time between two checks of the measurement so far.
 const LOOK: Duration = Duration::from_millis(500);
 /// How long a firmware may take to start.
 const START_TIMEOUT: Duration = Duration::from_mins(1);
@@ -135,7 +135,7 @@ fn follow(
     let mut measurement = Measurement::new(channels.tasks(), clock);
     let mut shown = Instant::now();
     loop {
-        // Before the look: what comes until then is in it.
+        // Before the check, which includes all records up to then.
         let over = is_over();
         chip.hold()?;
         let batch = channels.drain(chip)?;

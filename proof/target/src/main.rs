@@ -33,7 +33,7 @@ fn main() -> ExitCode {
     })
 }
 
-/// What an image says that it is proven for.
+/// The step rate for which an image is proven.
 fn step_rate(elf: &Path) -> Result<StepRate> {
     firmware::image::read(elf).map(StepRate::of_image)
 }

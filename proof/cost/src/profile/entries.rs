@@ -33,7 +33,7 @@ pub struct Site {
     pub by_task: Vec<Amount>,
     /// The function it belongs to: index of [`Program::functions`].
     pub function: Option<usize>,
-    /// `None` when the decoder does not know it: then it counts as one cycle.
+    /// `None` when the decoder does not know the instruction, which then counts as one cycle.
     pub decoded: Option<Instruction>,
     pub(super) is_handler: bool,
 }
@@ -107,7 +107,7 @@ pub(super) struct Call {
     pub(super) begin: Amount,
 }
 
-/// The instruction executed last: what follows tells what became of it.
+/// The instruction executed last: the next instruction shows its outcome.
 #[derive(Clone, Copy)]
 pub(super) struct Pending {
     pub(super) site: usize,

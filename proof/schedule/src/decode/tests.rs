@@ -94,7 +94,7 @@ fn returns_are_distinguished_from_other_jumps() {
 fn conditions_come_from_branches_and_from_it() {
     assert_eq!(decode(0xd0fe, 0).unwrap().condition, 0);
     assert_eq!(decode(0xe7fe, 0).unwrap().condition, ALWAYS);
-    // ITTE EQ, three moves, one that no longer depends on it.
+    // ITTE EQ, three moves, and a fourth that is unconditional.
     let mut decoder = Decoder::new();
     let mut next = |code| {
         let instruction = decoder.decode(AT, [code, 0]).unwrap();

@@ -74,7 +74,7 @@ impl Sweep {
     /// Where a table leads to, whose entries have so many bytes and count from `from`; `None` if it
     /// leads anywhere but to instructions.
     ///
-    /// It ends where code goes on, or where the first constant lies that is kept behind it.
+    /// The table ends where a block begins, or at the first constant after the code.
     pub(super) fn targets(
         &self,
         image: &Image,

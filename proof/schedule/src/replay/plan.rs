@@ -27,7 +27,7 @@ pub struct Root {
     pub name: String,
     /// The address of its handler, ...
     pub handler: u32,
-    /// ... and of those of other vectors, which call that one.
+    /// ... and of the handlers in other vectors that call this handler.
     pub callers: Vec<u32>,
     /// The functions that it can reach.
     pub reach: BTreeSet<u32>,

@@ -22,7 +22,8 @@ pub struct Summary {
     pub violations: Vec<Violation>,
 }
 
-/// The runs of one kind of one task; costs are without what preempted it, with entry and exit of the exception.
+/// The runs of one kind of one task; costs are without preemptions, with entry and exit of the
+/// exception.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Runs {
     /// Its name.
@@ -45,7 +46,7 @@ pub struct Runs {
     pub stack_max: u64,
     /// Blocks of the functions that it can reach.
     pub blocks: usize,
-    /// Those of them that it has executed.
+    /// How many of these blocks the task has executed.
     pub executed: usize,
     /// Where the others begin: `function (file:line)`.
     pub never: Vec<String>,

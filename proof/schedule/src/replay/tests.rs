@@ -196,7 +196,7 @@ fn an_activation_costs_what_the_table_says() {
     assert_eq!(runs.instructions_max, 1 + 6 + 5);
     // The load takes 2. Jumps: the loop, the call and its return, the exception's return.
     assert_eq!(runs.warm_max, 13 + 4 * 3 + 24);
-    // Lines: one of the handler, one of the callee, one of the vectors.
+    // Lines: the handler's, the callee's and the vector's.
     assert_eq!(runs.cached_max, runs.warm_max + 3 * 5);
     // Without a cache the handler's is fetched once more after each jump to it.
     assert_eq!(runs.uncached_max, runs.warm_max + 5 * 5);
@@ -226,7 +226,7 @@ fn a_loop_that_exceeds_its_total_is_reported() {
         violation.what,
         "a loop runs more than 3 times in one activation (a.rs:8)"
     );
-    // Two ways back too many, and three runs of the body.
+    // Two back edges too many, and three runs of the body.
     assert_eq!(violation.count, 5);
 }
 
@@ -241,7 +241,7 @@ fn loops_that_name_a_total_share_it() {
     let names = plan.functions.values_mut().flat_map(|one| &mut one.loops);
     names.for_each(|one| one.total = Some(total.clone()));
     let checker = Checker::new(plan).unwrap();
-    let budgets = checker.graph.rings.iter().map(|ring| ring.budget);
+    let budgets = checker.graph.loops.iter().map(|looped| looped.budget);
     assert_eq!(budgets.collect::<BTreeSet<_>>(), [0].into());
 }
 

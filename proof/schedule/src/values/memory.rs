@@ -99,14 +99,14 @@ impl State {
             .retain(|&slot, _| slot + 4 <= start || slot >= end);
     }
 
-    /// Forgets words behind an argument.
+    /// Forgets words at offsets from an argument.
     fn forget_given(&mut self, register: u8, start: i32, end: i32) {
         self.given.retain(|&(other, offset), _| {
             other != register || offset.saturating_add(4) <= start || offset >= end
         });
     }
 
-    /// Forgets what is written behind a pointer.
+    /// Forgets the words that are written through a pointer.
     pub(super) fn forget_pointees(
         &mut self,
         around: Surroundings<'_>,

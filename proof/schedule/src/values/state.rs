@@ -10,18 +10,19 @@ use crate::{Address, Image, Instruction, Operation, Region};
 
 const STACK_POINTER: u8 = 13;
 const PROGRAM_COUNTER: u8 = 15;
-/// How far behind an argument its memory is described to the called function, bytes.
+/// Bytes from an argument up to which its memory is described to the called function.
 const DESCRIBED: i32 = 256;
 
-/// Bytes behind a pointer: from the first to before the second.
+/// Byte offsets from a pointer: from the first to before the second.
 pub(crate) type Spans = Vec<(i32, i32)>;
 
-/// What a function must know of those it calls.
+/// Summaries of the functions that a function calls.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Callees {
     /// Functions that write to the part of their caller's frame that holds their arguments.
     pub(crate) write_arguments: BTreeSet<u32>,
-    /// What they write behind each of their arguments; those that are not here may write anything.
+    /// Bytes that each function writes through each of its arguments; a missing function may write
+    /// anything.
     pub(crate) writes: BTreeMap<u32, [Spans; ARGUMENTS as usize]>,
     /// The memory that their results point into, where it is known.
     pub(crate) results: BTreeMap<u32, Region>,
@@ -35,8 +36,8 @@ pub(crate) struct Surroundings<'a> {
     pub(crate) image: &'a Image,
     /// Without it nothing is known of what calls do.
     pub(crate) callees: Option<&'a Callees>,
-    /// The lowest place in the function's frame that it makes a pointer to, in bytes from the
-    /// stack pointer at its beginning: what is below changes only by its own stores.
+    /// The lowest slot of the function's frame to which the function makes a pointer, in bytes from
+    /// the stack pointer at its beginning: lower slots change only by the function's own stores.
     pub(crate) lowest_pointer: i32,
 }
 
@@ -47,10 +48,10 @@ pub(crate) struct State {
     pub(super) flags: Flags,
     /// Words of the frame, by their distance from the stack pointer at the function's beginning.
     pub(super) slots: BTreeMap<i32, Value>,
-    /// The memory that words behind arguments point into, by the register and the distance.
+    /// The memory into which words at an offset from an argument point, by register and offset.
     pub(super) given: BTreeMap<(u8, i32), Region>,
-    /// Behind an `IT` whose condition is not known, this state is that where it holds; the other is
-    /// that where it does not.
+    /// After an `IT` with an unknown condition, this state holds where the condition does, and the
+    /// other state where it does not.
     otherwise: Option<Box<Otherwise>>,
 }
 
@@ -112,7 +113,7 @@ impl State {
         state
     }
 
-    /// The memory that words behind a pointer point into, by their distance.
+    /// The memory into which words at an offset from a pointer point, by offset.
     fn pointee_regions(&self, pointer: Value) -> Vec<(i32, Region)> {
         let mut found = Vec::new();
         if let Some(start) = pointer.in_frame() {
@@ -127,7 +128,7 @@ impl State {
         found
     }
 
-    /// What holds whichever of the two it is.
+    /// The join of two states: only what holds in both.
     pub(crate) fn join(&self, other: &Self) -> Self {
         let mut joined = self.clone();
         for (value, other) in joined.registers.iter_mut().zip(other.registers) {
@@ -172,7 +173,7 @@ impl State {
         }
     }
 
-    /// Follows `instruction`: if its condition is not known, both ways.
+    /// Follows `instruction`: if its condition is not known, in both states.
     pub(crate) fn step(&mut self, around: Surroundings<'_>, instruction: &Instruction) {
         if !instruction.in_if_then || matches!(instruction.operation, Operation::Jump(_)) {
             self.settle();
@@ -199,7 +200,7 @@ impl State {
         self.branch(around, instruction);
     }
 
-    /// Follows an instruction behind an `IT` in the state in which it is executed.
+    /// Follows an instruction after an `IT` in the state in which it is executed.
     fn branch(&mut self, around: Surroundings<'_>, instruction: &Instruction) {
         let Some(mut other) = self.otherwise.take() else {
             return;
@@ -223,7 +224,7 @@ impl State {
         }
     }
 
-    /// Forgets what an `IT` has told apart.
+    /// Joins the two states of an `IT`.
     pub(crate) fn settle(&mut self) {
         if let Some(other) = self.otherwise.take() {
             *self = self.join(&other.state);

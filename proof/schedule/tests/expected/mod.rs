@@ -260,7 +260,7 @@ impl Line {
         u32::from_str_radix(digits, 16).ok()
     }
 
-    /// The registers that it writes, but for those written back.
+    /// The registers that an instruction writes, without writeback.
     fn writes(&self, kind: Kind, name: &str) -> u16 {
         let mut operands = self.operands.split(", ");
         let mut one = || {

@@ -90,7 +90,7 @@ fn bounds(program: &Program<'_>) -> Vec<(Option<Count>, String)> {
         .collect()
 }
 
-/// Asserts that a program has exactly this flaw, and that it names a line of the program.
+/// Asserts that a program has exactly this flaw, at a line of the program.
 #[track_caller]
 fn assert_flaw(body: &str, rule: Rule) {
     let (image, annotations) = or_skip!(read(body));

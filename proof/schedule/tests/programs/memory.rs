@@ -140,7 +140,7 @@ fn constants_after_a_table_are_no_entries_of_it() {
     assert_has_two_targets(&image, &annotations);
 }
 
-/// That `picked` is understood, and goes two ways.
+/// Asserts that `picked` is decoded with two targets.
 fn assert_has_two_targets(image: &Image, annotations: &Annotations) {
     let program = Program::new(image, annotations);
     assert_eq!(flaws(&program), []);
@@ -149,7 +149,7 @@ fn assert_has_two_targets(image: &Image, annotations: &Annotations) {
     assert_eq!(function.blocks[0].successors.len(), 2, "{function:?}");
 }
 
-/// A jump by a table that does not lie right behind it, with some code before and some behind.
+/// A jump by a table that does not follow directly, with some code before and some after.
 fn picked_by_register(before: &str, behind: &str) -> Option<(Image, Annotations)> {
     read(&format!(
         "core::arch::global_asm!(
@@ -185,7 +185,8 @@ fn a_table_may_lie_where_a_register_points() {
 #[test]
 fn a_table_that_another_register_may_point_to_is_unknown() {
     for (before, behind) in [
-        // Another address, one that may be another, and a way past what makes it.
+        // Another address, a possible other address, and a path around the instruction that makes
+        // the address.
         ("mov r2, r1", "nop"),
         ("cmp r1, #0\\nit eq\\nmoveq r2, r1", "nop"),
         ("nop", "mov r2, r1\\nb 6b"),

@@ -4,8 +4,8 @@ use schedule::Rule;
 
 use super::project::{Project, assert_caught, flaws_at};
 
-/// Builds the fixture with code in the task `receive`, and items beside it, and expects a rule to be
-/// broken there, told with these words.
+/// Builds the fixture with code in the task `receive`, and further items, and expects a rule to be
+/// broken there, reported with these words.
 fn in_receive(name: &str, code: &str, items: &str, rule: Rule, words: &str) {
     let project = or_skip!(Project::new(name));
     let project = project.with("receive", code).with("items", items);
@@ -188,10 +188,10 @@ in_idle! {
         "";
 }
 
-/// A function with something wrong in it: name, code, rule and words that tell it.
+/// A faulty function: name, code, broken rule and words of the report.
 type Wrong = (&'static str, &'static str, Rule, &'static str);
 
-/// Builds the fixture with calls of such functions, and expects each to be told at its own lines.
+/// Builds the fixture with calls of such functions, and expects each to be reported at its own lines.
 fn check_each_is_reported(name: &str, mark: &str, wrong: &[Wrong], more: &str) {
     let project = or_skip!(Project::new(name));
     let calls: Vec<String> = wrong.iter().map(|it| format!("{}();\n", it.0)).collect();
@@ -323,7 +323,7 @@ fn system_registers_of_the_processor_are_not_written() {
     check_each_is_reported("in-the-processor", "idle", &wrong, "");
 }
 
-/// Ways of a task to take longer than is told.
+/// Ways for a task to exceed its bound.
 const HIDDEN_DELAYS: [Wrong; 11] = [
     (
         "never_ends",

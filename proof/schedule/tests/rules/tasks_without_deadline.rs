@@ -8,7 +8,7 @@ use super::{
 };
 
 const FEED_WATCHDOG: &str = "device::write_pins(0xaaaa);";
-/// What `work` does in each round of its loop.
+/// The body of the loop in `work`.
 const LOOP_BODY: &str = "left -= 1;";
 
 /// The fixture with a watchdog that `idle` feeds, and with `work` without a deadline; `entry`: what `schedule.toml`
@@ -37,7 +37,7 @@ fn report(project: &Project) -> Report {
     project.analyse(&project.build())
 }
 
-/// How long the tasks take besides the rounds of loops that nothing counts.
+/// How long the tasks take without the iterations of uncounted loops.
 fn bounded_cycles(report: &Report) -> u64 {
     let found = report.undeadlined.as_ref().expect("there is a watchdog");
     found.rest_cycles.expect("it is known")
@@ -93,7 +93,7 @@ fn all_but_the_rounds_of_such_loops_is_in_the_figure() {
     };
     let after = with("rest-after", stores, &stores.repeat(40));
     assert!(after >= plain + 40, "{plain} {after}");
-    // The way through the loop counts once at most, with whatever stands in it.
+    // The path through the loop counts once at most, with its whole body.
     let within = with("rest-within", LOOP_BODY, &format!("{LOOP_BODY}\n{stores}"));
     assert!(within < plain + 100, "{plain} {within}");
     // Rounds that are counted count.

@@ -43,8 +43,8 @@ impl Monitor {
         Ok(ticks as f64 / f64::from(TICKS_PER_SECOND))
     }
 
-    /// Ends QEMU; only then does the plugin write its report. Keep the connection until it has ended:
-    /// QEMU forgets what a lost one has said.
+    /// Ends QEMU; only then does the plugin write its report. Keep the connection until QEMU has
+    /// ended the command: QEMU forgets the output for a lost connection.
     pub(super) fn quit(&mut self) -> Result<()> {
         self.command("quit")
     }

@@ -26,7 +26,7 @@ const LINES: usize = 30;
 /// Least share of a task's cycles for a row, percent: its own, or with all that is inlined in it.
 const LEAST_OWN: f64 = 0.2;
 const LEAST_ALL: f64 = 2.0;
-/// A task with less than one part in this of all cycles is not looked into.
+/// A task with less than one part in this of all cycles is not broken down.
 const NEGLIGIBLE: u64 = 200;
 
 /// What one function or line costs.
@@ -94,7 +94,8 @@ fn files(report: &Report, program: &Loader) {
     }
 }
 
-/// What the functions whose paths begin with one of `prefixes` cost, with what is inlined in them.
+/// The cost of the functions whose paths begin with one of `prefixes`, with all code inlined into
+/// them.
 pub(super) fn cost_of(report: &Report, elf: &Path, prefixes: &[&str]) -> Result<Cost> {
     let mut cost = Cost::default();
     for (runs, cycles) in sites_of(report, elf, prefixes)? {

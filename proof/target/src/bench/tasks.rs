@@ -37,7 +37,7 @@ impl Names {
             let dispatchers = rest.split(']').next().unwrap_or_default();
             if !dispatchers.contains(',') {
                 let software = source.split("async fn ").skip(1).map(identifier);
-                // Functions beside the tasks take no context.
+                // Functions that are no tasks take no context.
                 let is_task = |name: &String| source.contains(&format!("{name}::Context"));
                 let software: Vec<String> = software.filter(is_task).collect();
                 names.push((identifier(dispatchers), software.join(", ")));

@@ -126,8 +126,8 @@ pub(super) fn raster() -> Workload {
 /// before them.
 const REPLANNED: f64 = 105.0;
 
-/// Short lines in a row, too fast to be stopped in fewer than 105 of them: each that comes lets those
-/// before it be faster. Per line.
+/// Short lines in a row, too fast to be stopped in fewer than 105 lines: each new line raises the
+/// speed of the lines before. Per line.
 pub(super) fn replanned() -> Workload {
     const LINES: u32 = 1200;
     const LINE_MM: f64 = 0.05;

@@ -1,4 +1,4 @@
-//! The serial line of the board: what faults tell, then bytes each way, each of which is compared.
+//! The serial line of the board: messages of faults, then bytes in both directions, all compared.
 //!
 //! `tests/bring_up/echo.rs` is the other side; the bytes of both are in `tests/bring_up/sequence.rs`.
 
@@ -18,9 +18,9 @@ use super::{
 const MARK: &[u8] = b"\r\n[bring-up]\r\n";
 /// Asks for a byte, in the emulator.
 const BYTE_REQUEST: &[u8] = b"\r\n[byte]\r\n";
-/// More than faults tell.
+/// More bytes than all messages of faults.
 const MOST_RECEIVED: usize = 1 << 16;
-/// What a fault tells the sender, and what the facts call it.
+/// The messages of faults to the sender, with their names in the facts.
 const TOLD: [(&str, &str); 3] = [
     ("told.processor", "[MSG:Fault: processor fault]"),
     ("told.panic", "[MSG:Fault: panic at "),
@@ -34,7 +34,7 @@ pub(super) fn send_early(from: &mut dyn Read, mut to: impl Write) -> Result<()> 
         .context("cannot write to the serial line")
 }
 
-/// Reads what the board tells before the exchange, and counts the faults.
+/// Reads the messages of the board before the exchange, and counts the faults.
 pub(super) fn listen(from: &mut dyn Read, facts: &mut Facts) -> Result<()> {
     let received = receive_until(from, MARK)?;
     for (name, message) in TOLD {
@@ -43,7 +43,7 @@ pub(super) fn listen(from: &mut dyn Read, facts: &mut Facts) -> Result<()> {
     Ok(())
 }
 
-/// Reads what the board tells up to a mark.
+/// Reads the output of the board up to a mark.
 fn receive_until(from: &mut dyn Read, mark: &[u8]) -> Result<String> {
     let mut received = Vec::new();
     let mut byte = [0];

@@ -161,7 +161,7 @@ fn escaped(text: &str) -> String {
     text.replace('"', "&quot;")
 }
 
-/// See whether the digest of a report is that of what else is in it.
+/// Checks whether a report has the digest of its other entries.
 pub(super) fn verify(text: &[u8]) -> Result<()> {
     let mut report: Value = serde_json::from_slice(text).context("the report is no JSON")?;
     let entries = report.as_object_mut().context("the report is no object")?;

@@ -3,9 +3,9 @@
 //! The machine stands still from the beginning of a connection to its end, except between
 //! [`Debugger::resume`] and [`Debugger::interrupt`]. GDB's manual, "Remote Protocol".
 //!
-//! While it runs, QEMU takes any byte for a wish to stop it, and drops the byte; and it drops a wish
-//! that comes before the receipt for its last packet. So each packet of QEMU is waited for, and has
-//! its receipt before anything else is sent.
+//! While the machine runs, QEMU takes any byte for a request to stop, and drops the byte; a request
+//! before the receipt for QEMU's last packet is dropped too. So each packet of QEMU is waited for,
+//! and has its receipt before anything else is sent.
 
 use std::{
     fmt::Write as _,
@@ -155,7 +155,7 @@ mod tests {
     /// What QEMU says then.
     const YES: &str = "+$1#31";
 
-    /// QEMU's side of a conversation: what it says, and what it must hear next.
+    /// QEMU's side of a conversation: the packets sent, and the packets expected next.
     fn qemu(conversation: Vec<(&'static str, &'static str)>) -> (UnixStream, JoinHandle<()>) {
         let (mut qemu, ours) = UnixStream::pair().unwrap();
         qemu.set_read_timeout(Some(TIMEOUT)).unwrap();

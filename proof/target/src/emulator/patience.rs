@@ -9,7 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Between two looks at whether the patience is over.
+/// Time between two checks of the patience.
 const LOOK: Duration = Duration::from_millis(500);
 
 /// A limit to the time that a process takes.

@@ -21,7 +21,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 /// How long QEMU may take to take bytes.
 const TIMEOUT: Duration = Duration::from_secs(20);
-/// Longest wait for bytes before it is looked whether another reads them from now on.
+/// Longest wait for bytes before checking whether the line was handed over.
 const WAIT: Duration = Duration::from_millis(20);
 
 /// See the module.

@@ -44,7 +44,7 @@ pub(super) trait Memory {
     }
 }
 
-/// One activation, as the firmware tells it. Times are counts of its clock, which wraps.
+/// One activation, as the firmware records it. Times are counts of its clock, which wraps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Record {
     pub(super) start: u32,
@@ -239,7 +239,7 @@ mod tests {
     const COUNTS: u32 = 0x200;
     const CLOCK: u32 = 0x210;
 
-    /// A chip with the panic's channel and one ring of four records, and what reads it.
+    /// A chip with the panic's channel and one ring of four records, and its reader.
     fn chip() -> (Ram, Channels) {
         let mut ram = Ram(vec![0; 0x300]);
         ram.0[..16].copy_from_slice(MARK);

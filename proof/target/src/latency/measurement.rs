@@ -11,14 +11,14 @@ use super::{
 /// What the firmware's records count.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Clock {
-    /// The unit of everything that is told.
+    /// The unit of all reported times.
     pub(crate) unit: Unit,
     /// Counts of the firmware's clock in a unit.
     pub(crate) counts: u64,
     /// Units that an exception's entry and exit take outside of its record.
     pub(crate) entry_and_exit: u64,
-    /// What a preemption costs at most besides that: the rest of what is outside of the record, an
-    /// instruction that begins again, and lines that the instruction cache has lost.
+    /// The highest further cost of a preemption: entry and exit outside of the record, an
+    /// instruction that begins again, and lines lost from the instruction cache.
     pub(crate) preemption: u64,
 }
 
@@ -190,7 +190,7 @@ mod tests {
         }
     }
 
-    /// A step that preempts a `prepare`, and one that does not.
+    /// A step that preempts a `prepare`, and a step that does not.
     fn batch(scale: u32) -> Batch {
         let step = |number, start| record(number, start * scale, 60 * scale, Some(30 * scale));
         let prepare = record(0, 100 * scale, 1000 * scale, None);

@@ -1,8 +1,8 @@
 //! Which activation preempted which: from records to the time that each task took for itself.
 //!
-//! There is one stack, so activations are nested or apart, never crossed. What a task took is its
+//! There is one stack, so activations are nested or disjoint, never crossed. What a task took is its
 //! duration less that of the activations inside, with the exception's entry and exit of each. Where
-//! a record was dropped that might have been inside, nobody knows, and that is what is said.
+//! a dropped record may have been inside, the execution time is reported as unknown.
 
 use std::{cmp::Reverse, mem};
 
@@ -17,7 +17,7 @@ pub(super) struct Activation {
     pub(super) end: u64,
     /// From its release to its start, where that is known.
     pub(super) latency: Option<u32>,
-    /// What it took for itself; `None` when a record was dropped that may have been inside.
+    /// The time of the activation itself; `None` when a dropped record may have been inside.
     pub(super) execution: Option<u64>,
     /// Activations directly inside.
     pub(super) preemptions: u32,

@@ -14,7 +14,7 @@ use super::{
 /// Characters of the longest bar of a histogram.
 const BAR: f64 = 48.0;
 
-/// Everything that is told.
+/// The whole outcome.
 pub(crate) struct Outcome {
     /// What was measured, and where: one line.
     pub(crate) subject: String,
@@ -22,7 +22,7 @@ pub(crate) struct Outcome {
     /// The clock of the core, Hz.
     pub(crate) core_hz: u64,
     pub(crate) tasks: Vec<Measured>,
-    /// What stands in the way of a proof.
+    /// The reason for a missing proof.
     pub(crate) unproven: Option<String>,
 }
 

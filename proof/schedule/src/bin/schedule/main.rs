@@ -183,9 +183,9 @@ fn replay(board: &Board, elf: &Path, report: &Report) -> Result<bool> {
     Ok(verdict.is_passed() && played.success())
 }
 
-/// The rate that a report proves. That it is lower than the project asks for does not make it wrong.
+/// The rate that a report proves. A rate below the required one is no error here.
 fn rate(report: &Report) -> Result<u32> {
-    /// Flaws that are told where the proof is only a step on the way.
+    /// Most flaws that are printed before a replay.
     const MOST_SHOWN: usize = 3;
     // A loop of a task without a deadline is the watchdog's affair: no step waits for it.
     let asks = |rule| {

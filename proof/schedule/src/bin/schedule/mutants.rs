@@ -1,8 +1,9 @@
 //! Mutants: the firmware with a fault put into it, which the proof has to find.
 //!
-//! Each of ten kinds of fault is put at the beginning of functions that are drawn by a seed. A mutant
-//! is built and analysed as the firmware is; one that cannot be built, or whose code is that of the
-//! firmware, is none. What is known of a mutant is kept, so that a run that was stopped goes on.
+//! Each of ten kinds of fault is put at the beginning of functions that are drawn by a seed. A
+//! mutant is built and analysed as the firmware is; a copy that cannot be built, or has the code of
+//! the firmware, does not count. Results are kept, so that an interrupted run continues with the
+//! next mutant.
 
 mod fault;
 mod site;
@@ -86,7 +87,7 @@ pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result
     Ok(tallies.iter().all(|tally| tally.survivors.is_empty()))
 }
 
-/// The next mutant of a kind that is one: where the fault is, and what became of it.
+/// Returns the next mutant of a kind that counts: the place of the fault, and the outcome.
 fn next(
     builder: &mut MutantBuilder,
     fault: &Fault,

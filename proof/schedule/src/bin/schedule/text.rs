@@ -121,7 +121,7 @@ pub(super) fn rate(report: &Report) -> Option<u32> {
     rates.get(&report.baud.to_string()).copied()
 }
 
-/// Requirements that are not met: flaws that take nothing from what is proven.
+/// Requirements that are not met: flaws that leave the proven rates valid.
 pub(super) fn unmet(report: &Report) -> usize {
     let flaws = report.flaws.iter();
     flaws.filter(|flaw| flaw.rule == Rule::Requirement).count()
@@ -344,7 +344,7 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
     facts.chain(substitution).collect()
 }
 
-/// One flaw: what, where, and what to do.
+/// One flaw: description, place and remedy.
 pub(super) fn flaw(flaw: &Flaw) -> String {
     let mut text = format!("{} {}", "error:".red().bold(), flaw.what);
     for (index, place) in places(&flaw.place).into_iter().enumerate() {

@@ -103,7 +103,7 @@ pub(super) fn late(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
         let mut ends = NO_SWITCHES;
         ends.low[2] = before - 4 * steps.cast_signed();
         driver.mount(&ends)?;
-        // The lines wait behind a slow one.
+        // The lines wait after a slow one.
         driver.run(["G1X-.02F1"])?;
         driver.stream([line.as_str(); 8], |_| b"")?;
         driver.come_to_rest()?;

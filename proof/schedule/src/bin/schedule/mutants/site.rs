@@ -14,7 +14,7 @@ pub(super) struct Site {
     /// Its file, from the root of the project.
     pub(super) file: String,
     name: String,
-    /// Where its body begins, behind the brace.
+    /// Where its body begins, after the brace.
     line: usize,
     column: usize,
     /// The highest priority of a task with a deadline that runs it.
