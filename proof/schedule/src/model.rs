@@ -15,7 +15,7 @@ pub(crate) const LINE_BYTES: u32 = 16;
 /// Lines of the instruction cache, which replaces the one that was used least recently.
 pub(crate) const CACHE_LINES: usize = 64;
 /// Bytes that the processor may fetch beyond the executed instruction: three words.
-const LOOK_AHEAD: u32 = 12;
+const FETCHED_AHEAD: u32 = 12;
 /// Wait of a peripheral bus, core cycles for each division of its clock: the access is synchronised,
 /// and takes two of its cycles.
 const WAITS_PER_DIVISION: u64 = 3;
@@ -330,7 +330,7 @@ pub fn lines(block: &Block) -> std::ops::RangeInclusive<u32> {
         .instructions
         .last()
         .map_or(begin + 2, Instruction::end);
-    begin / LINE_BYTES..=(end - 1 + LOOK_AHEAD) / LINE_BYTES
+    begin / LINE_BYTES..=(end - 1 + FETCHED_AHEAD) / LINE_BYTES
 }
 
 /// Lines of `next` to be fetched when execution falls through from `before`: all but the line in
@@ -338,7 +338,7 @@ pub fn lines(block: &Block) -> std::ops::RangeInclusive<u32> {
 pub(crate) fn new_lines(before: &Block, next: &Block) -> u64 {
     let end = before.instructions.last().map_or(0, Instruction::end);
     let used =
-        (end.saturating_sub(1)) / LINE_BYTES..=(end.saturating_sub(1) + LOOK_AHEAD) / LINE_BYTES;
+        (end.saturating_sub(1)) / LINE_BYTES..=(end.saturating_sub(1) + FETCHED_AHEAD) / LINE_BYTES;
     lines(next).filter(|line| !used.contains(line)).count() as u64
 }
 

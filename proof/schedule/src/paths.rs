@@ -329,7 +329,7 @@ mod tests {
         fn enumerate(&self, block: usize, left: &BTreeMap<usize, u64>, cost: u64) -> u64 {
             let cost = cost + self.costs[block];
             let mut worst = if self.ends[block] { cost } else { 0 };
-            for (to, way) in &self.edges[block] {
+            for (to, edge) in &self.edges[block] {
                 let mut left = left.clone();
                 if let Some(looped) = self.loops.iter().find(|looped| looped.head == *to) {
                     let most = looped.most.unwrap();
@@ -342,7 +342,7 @@ mod tests {
                         *left -= 1;
                     }
                 }
-                worst = worst.max(self.enumerate(*to, &left, cost + way));
+                worst = worst.max(self.enumerate(*to, &left, cost + edge));
             }
             worst
         }

@@ -238,9 +238,9 @@ fn is_overwritten(function: &Function, store: &Store) -> bool {
         .filter(|it| it.to == store.to && it.value.is_some())
         .map(|it| it.at)
         .collect();
-    let has = |block: usize, behind: u32| {
+    let has = |block: usize, after: u32| {
         let mut instructions = function.blocks[block].instructions.iter();
-        instructions.any(|it| it.address > behind && known.contains(&it.address))
+        instructions.any(|it| it.address > after && known.contains(&it.address))
     };
     let holds = |block: &usize| {
         let mut instructions = function.blocks[*block].instructions.iter();

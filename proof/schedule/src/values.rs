@@ -71,7 +71,7 @@ pub(crate) enum Base {
     Written(u32, u8),
     /// The word at an offset from the value that this register has where the function begins, when it
     /// was loaded last.
-    Behind(u8, i32),
+    LoadedFrom(u8, i32),
 }
 
 /// What is known of a value.
@@ -133,7 +133,7 @@ impl Value {
             Self::From { base, .. } => match base {
                 Base::Stack => Origins::FRAME,
                 Base::Entry(register) => Origins::argument(register),
-                Base::Written(..) | Base::Behind(..) => Origins::NONE,
+                Base::Written(..) | Base::LoadedFrom(..) => Origins::NONE,
             },
         }
     }
@@ -167,7 +167,7 @@ impl Value {
 
     /// Whether the value was loaded from this offset of an argument.
     pub(crate) fn is_loaded_from_argument(self, register: u8, distance: i32) -> bool {
-        let place = Base::Behind(register, distance);
+        let place = Base::LoadedFrom(register, distance);
         matches!(self, Self::From { base, offset: 0, .. } if base == place)
     }
 

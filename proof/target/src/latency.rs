@@ -49,7 +49,7 @@ use crate::flash;
 /// How long is measured when nobody says.
 const SECONDS: u64 = 10;
 /// Time between two checks of the measurement so far.
-const LOOK: Duration = Duration::from_millis(500);
+const CHECK_INTERVAL: Duration = Duration::from_millis(500);
 /// How long a firmware may take to start.
 const START_TIMEOUT: Duration = Duration::from_mins(1);
 
@@ -144,7 +144,7 @@ fn follow(
         if over {
             return Ok(measurement.finish());
         }
-        if shown.elapsed() > LOOK {
+        if shown.elapsed() > CHECK_INTERVAL {
             show(measurement.tasks());
             shown = Instant::now();
         }

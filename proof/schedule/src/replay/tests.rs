@@ -168,12 +168,12 @@ fn checker_with(turns: u64, other: Function) -> Checker {
 
 const IDLING: [u32; 1] = [IDLE];
 const TURN: [u32; 3] = [HANDLER + 2, HANDLER + 4, HANDLER + 6];
-const BEHIND: [u32; 5] = [HANDLER + 8, CALLEE, CALLEE + 2, HANDLER + 10, HANDLER + 12];
+const AFTER_LOOP: [u32; 5] = [HANDLER + 8, CALLEE, CALLEE + 2, HANDLER + 10, HANDLER + 12];
 
 /// One activation in which the loop runs `1 + again` times.
 fn activation(again: usize) -> Vec<u32> {
     let turns = TURN.repeat(1 + again);
-    [&IDLING, &[HANDLER][..], &turns, &BEHIND, &IDLING].concat()
+    [&IDLING, &[HANDLER][..], &turns, &AFTER_LOOP, &IDLING].concat()
 }
 
 fn run(checker: &mut Checker, addresses: &[u32]) -> Summary {

@@ -42,7 +42,7 @@ impl State {
             match (value, place.argument_offset()) {
                 (Some(value), _) => self.set(to, value),
                 (None, Some((register, distance))) => {
-                    self.write_as(Base::Behind(register, distance), to, region);
+                    self.write_as(Base::LoadedFrom(register, distance), to, region);
                 }
                 (None, None) => self.write(at, to, region),
             }

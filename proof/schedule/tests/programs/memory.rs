@@ -134,7 +134,7 @@ fn constants_after_a_table_are_no_entries_of_it() {
             \"5: bx lr\",
             \".size picked, . - picked\",
         );
-        unsafe extern \"C\" { fn picked(way: u32) -> u32; }
+        unsafe extern \"C\" { fn picked(index: u32) -> u32; }
         fn task() { output(unsafe { picked(input() & 1) }); }",
     ));
     assert_has_two_targets(&image, &annotations);
@@ -150,7 +150,7 @@ fn assert_has_two_targets(image: &Image, annotations: &Annotations) {
 }
 
 /// A jump by a table that does not follow directly, with some code before and some after.
-fn picked_by_register(before: &str, behind: &str) -> Option<(Image, Annotations)> {
+fn picked_by_register(before: &str, after: &str) -> Option<(Image, Annotations)> {
     read(&format!(
         "core::arch::global_asm!(
             \".section .text.picked, \\\"ax\\\"\",
@@ -165,13 +165,13 @@ fn picked_by_register(before: &str, behind: &str) -> Option<(Image, Annotations)
             \"2: .word 0x09090909\",
             \"1: .byte (3f - 7b) / 2, (4f - 7b) / 2\",
             \"3: ldr.w r0, 2b\",
-            \"{behind}\",
+            \"{after}\",
             \"b.w 5f\",
             \"4: mov.w r0, #0\",
             \"5: bx lr\",
             \".size picked, . - picked\",
         );
-        unsafe extern \"C\" {{ fn picked(way: u32) -> u32; }}
+        unsafe extern \"C\" {{ fn picked(index: u32) -> u32; }}
         fn task() {{ output(unsafe {{ picked(input() & 1) }}); }}"
     ))
 }
@@ -184,18 +184,18 @@ fn a_table_may_lie_where_a_register_points() {
 
 #[test]
 fn a_table_that_another_register_may_point_to_is_unknown() {
-    for (before, behind) in [
+    for (before, after) in [
         // Another address, a possible other address, and a path around the instruction that makes
         // the address.
         ("mov r2, r1", "nop"),
         ("cmp r1, #0\\nit eq\\nmoveq r2, r1", "nop"),
         ("nop", "mov r2, r1\\nb 6b"),
     ] {
-        let (image, annotations) = or_skip!(picked_by_register(before, behind));
+        let (image, annotations) = or_skip!(picked_by_register(before, after));
         let program = Program::new(&image, &annotations);
         let flaws = flaws(&program);
         let is_reported = flaws.iter().any(|(rule, _)| *rule == Rule::IndirectCall);
-        assert!(is_reported, "{before}, {behind}: {flaws:?}");
+        assert!(is_reported, "{before}, {after}: {flaws:?}");
     }
 }
 

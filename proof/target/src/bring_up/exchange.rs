@@ -21,7 +21,7 @@ const BYTE_REQUEST: &[u8] = b"\r\n[byte]\r\n";
 /// More bytes than all messages of faults.
 const MOST_RECEIVED: usize = 1 << 16;
 /// The messages of faults to the sender, with their names in the facts.
-const TOLD: [(&str, &str); 3] = [
+const FAULT_MESSAGES: [(&str, &str); 3] = [
     ("told.processor", "[MSG:Fault: processor fault]"),
     ("told.panic", "[MSG:Fault: panic at "),
     ("told.interrupt", "[MSG:Fault: unknown interrupt]"),
@@ -37,7 +37,7 @@ pub(super) fn send_early(from: &mut dyn Read, mut to: impl Write) -> Result<()> 
 /// Reads the messages of the board before the exchange, and counts the faults.
 pub(super) fn listen(from: &mut dyn Read, facts: &mut Facts) -> Result<()> {
     let received = receive_until(from, MARK)?;
-    for (name, message) in TOLD {
+    for (name, message) in FAULT_MESSAGES {
         facts.count(name, received.matches(message).count());
     }
     Ok(())
@@ -201,7 +201,7 @@ mod tests {
             \r\n[bring-up]\r\n[MSG:Fault: processor fault]\r\n";
         let mut facts = Facts::default();
         listen(&mut text.as_bytes(), &mut facts).unwrap();
-        let counts = TOLD.map(|(name, _)| facts.get(name));
+        let counts = FAULT_MESSAGES.map(|(name, _)| facts.get(name));
         assert_eq!(counts, [Some(1), Some(1), Some(0)]);
         let silent = listen(&mut &b"\r\n[MSG:"[..], &mut facts);
         assert_eq!(silent.unwrap_err().to_string(), "the serial line is closed");
