@@ -1,4 +1,4 @@
-//! What the firmware costs: instructions and modelled Cortex-M4 cycles, counted in QEMU.
+//! The costs of the firmware: instructions and modelled Cortex-M4 cycles, counted in QEMU.
 //!
 //! ```text
 //!  instruction ──decode──▶ Instruction ──table──▶ cycles ──profile──▶ task, function, site ──report──▶ JSON

@@ -116,7 +116,7 @@ fn version(is_there: impl Fn(&CStr) -> bool) -> c_int {
         .map_or(1, |(version, _)| version)
 }
 
-/// Who observes, and where the report goes.
+/// The observer, and the path of the report.
 struct Session {
     observer: Box<dyn Observer>,
     out: PathBuf,

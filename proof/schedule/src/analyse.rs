@@ -34,7 +34,7 @@ const HIGHEST_RATE: u32 = 600_000;
 /// Points of the curve.
 const CURVE_POINTS: u32 = 24;
 
-/// What is to be analysed.
+/// The input of an analysis.
 #[derive(Debug, Clone)]
 pub struct Input<'a> {
     /// The program.
@@ -53,7 +53,7 @@ pub struct Input<'a> {
     pub step_rate_hz: Option<u32>,
     /// Baud rate of the table; without it, that of `schedule.toml`.
     pub baud: Option<u32>,
-    /// What was measured on a board.
+    /// The measurements of a board.
     pub measured: Option<Measured>,
 }
 
@@ -106,7 +106,7 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
     Ok(report)
 }
 
-/// What an analysis reads.
+/// The files that an analysis reads.
 pub(crate) struct Sources {
     /// The text of `config`.
     pub(crate) text: String,
@@ -448,7 +448,7 @@ impl<'a> Analysis<'a> {
     }
 }
 
-/// What a response time is computed from, for the report.
+/// The demand of a response time, for the report.
 fn window(demand: &Demand) -> Window {
     let stream = |load: &Load| Stream {
         period: load.arrival.period,

@@ -65,7 +65,7 @@ pub(crate) fn find(
         let runs = counted_loops::runs(around, &function.blocks, states, &function.loops[index]);
         let one = &function.loops[index];
         let stated = source.and_then(Source::bound);
-        // What ends it before its counter does is decided elsewhere: only the counter counts.
+        // An earlier exit depends on another writer: only the counter bounds the loop.
         let is_external = busy_waits::depends_on_external_state(function, one);
         let total = source.and_then(Source::of_activation);
         if let Some(runs) = runs.filter(|runs| runs.is_exact || is_external) {
@@ -311,7 +311,7 @@ impl Source {
                 });
             }
             if let Some(source) = source {
-                // What has lost its own loop to unrolling may still hold one of a library.
+                // A loop that was unrolled may still contain a loop of a library.
                 let all = self::chains(image, instructions(function, own));
                 return Some(source).filter(|source| source.is_headed(&all, level));
             }

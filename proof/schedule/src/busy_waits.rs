@@ -52,7 +52,7 @@ pub(crate) fn flaws(
     flaws.collect()
 }
 
-/// What the source says of how often a loop runs, and where.
+/// The bounds that the source states for a loop, and their places.
 fn stated(one: &Loop) -> impl Iterator<Item = (&Count, &String)> {
     let bound = one.bound.iter().map(|bound| (&bound.count, &bound.origin));
     let total = one.total.iter().map(|total| (&total.count, &total.origin));
@@ -126,7 +126,7 @@ fn called<'a>(functions: &'a Functions, function: &Function, one: &Loop) -> Vec<
     found
 }
 
-/// What a block calls that comes back.
+/// The callee of a block, if the call returns.
 fn returning_call(block: &Block) -> Option<u32> {
     block.call.filter(|_| !block.traps)
 }

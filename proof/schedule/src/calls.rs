@@ -12,7 +12,7 @@ use crate::{
     values::{Callees, State, Surroundings, Value},
 };
 
-/// What is known of the values in every function.
+/// The results of the value analysis of every function.
 pub(crate) struct Calls {
     callees: Callees,
     summary: BTreeMap<u32, FunctionSummary>,
@@ -32,7 +32,7 @@ impl Calls {
         for &address in order.callers_first.iter().rev() {
             calls.learn(image, address, &graphs[&address].blocks);
         }
-        // What is found in statics, then with what is found in statics.
+        // Solve for the contents of statics, then again with these contents.
         calls.follow(image, graphs, &free, &order);
         calls.callees.statics = calls.statics(image, graphs);
         calls.follow(image, graphs, &free, &order);
@@ -119,7 +119,7 @@ impl Calls {
         self.summary.insert(address, summary);
     }
 
-    /// What the function at `address` is followed through.
+    /// The surroundings of the function at `address`.
     pub(crate) fn around<'a>(&'a self, image: &'a Image, address: u32) -> Surroundings<'a> {
         let summary = self.summary.get(&address);
         Surroundings {

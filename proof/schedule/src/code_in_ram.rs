@@ -5,7 +5,7 @@
 
 use crate::{Flaw, Function, Place, Program, Region, Rule};
 
-/// What code in RAM needs of the flash.
+/// Returns the uses of flash by code in RAM.
 pub(crate) fn flaws(program: &Program<'_>) -> Vec<Flaw> {
     let functions = program.functions().values();
     let resident = functions.filter(|function| is_in_ram(function.address));

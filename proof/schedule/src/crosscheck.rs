@@ -32,7 +32,7 @@ const PRIORITIES: std::ops::Range<u32> = 0xe000_e400..0xe000_e4f0;
 const SYSTEM_PRIORITIES: std::ops::Range<u32> = 0xe000_ed18..0xe000_ed24;
 const FIRST_SYSTEM: usize = 4;
 
-/// What is compared.
+/// The compared program, application and configuration.
 pub(crate) struct Crosscheck<'a> {
     pub(crate) image: &'a Image,
     pub(crate) functions: &'a Functions,
@@ -198,7 +198,7 @@ impl Crosscheck<'_> {
         });
         for (function, at, address, value) in stores.filter(|store| ENABLES.contains(&store.2)) {
             let first = FIRST_INTERRUPT + ((address - ENABLES.start) * 8) as usize;
-            // Those of a value that is not known are all bits.
+            // An unknown value may have all bits.
             let bits = value.unwrap_or(u32::MAX);
             for bit in (0..32).filter(|bit| bits >> bit & 1 != 0) {
                 let Some(handler) = self.image.vectors().get(first + bit) else {

@@ -195,7 +195,7 @@ fn entered_from_above(system: &System<'_>, section: &Held) -> Option<Flaw> {
 fn exempt_calls(system: &System<'_>, reached: &BTreeSet<u32>) -> Vec<Flaw> {
     let functions = reached.iter().filter_map(|at| system.program.function(*at));
     let blocks = functions.flat_map(|function| &function.blocks);
-    // What never returns ends the task, and the machine.
+    // A call that never returns ends the task, and the machine.
     let calls = blocks.filter(|block| !block.traps).filter_map(|block| {
         let at = block.instructions.last()?.address;
         Some((at, system.image.name(block.call?)))
@@ -315,7 +315,7 @@ pub(crate) fn of_stacks(system: &System<'_>, report: &mut Report) -> Vec<Flaw> {
     flaws
 }
 
-/// What RTIC runs first, with interrupts off until its end.
+/// The initialisation of RTIC, with interrupts off until its end.
 fn initialisation<'a>(system: &'a System<'_>) -> Option<&'a Function> {
     let mut functions = system.program.functions().values();
     functions.find(|it| config::is_named(&it.name, "main::__rtic_init_resources"))
@@ -333,7 +333,7 @@ fn overflow(report: &Report) -> Option<Flaw> {
     })
 }
 
-/// What functions may call through pointers, as `schedule.toml` says.
+/// The callees of pointers by function, from `schedule.toml`.
 pub(crate) fn pointers(system: &System<'_>) -> BTreeMap<u32, BTreeSet<u32>> {
     let functions = system.program.functions();
     let mut pointers = BTreeMap::new();

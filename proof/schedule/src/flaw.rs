@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-/// What is wrong.
+/// The rule that a flaw breaks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Rule {
@@ -72,11 +72,11 @@ pub struct Place {
 pub struct Flaw {
     /// Which rule it breaks.
     pub rule: Rule,
-    /// What is wrong, in one sentence.
+    /// The flaw in one sentence.
     pub what: String,
     /// Where.
     pub place: Place,
-    /// What to do about it.
+    /// The remedy.
     pub remedy: String,
 }
 

@@ -27,7 +27,7 @@ impl fmt::Display for Formula {
     }
 }
 
-/// What names mean.
+/// The values of names.
 #[derive(Debug, Clone, Default)]
 pub struct Names<'a> {
     /// Names with a value.

@@ -10,7 +10,7 @@ use crate::{
     values::{State, Surroundings},
 };
 
-/// What to do about a panic.
+/// The remedy for a panic.
 pub(crate) const PANIC_REMEDY: &str = "Write it so that the compiler sees that it cannot happen: \
     `get`, a mask, `wrapping_*` or an iterator instead of an index, `unwrap` or a division.";
 
@@ -101,7 +101,7 @@ pub(crate) fn describe(around: Surroundings<'_>, function: &mut Function, states
     });
 }
 
-/// What is known of a store, if an instruction is one.
+/// Returns the store of an instruction, if it is one.
 fn store(state: &State, instruction: &Instruction) -> Option<Store> {
     let (address, bytes, value) = match instruction.operation {
         Operation::Store {

@@ -70,7 +70,7 @@ impl fmt::Display for Frame {
     }
 }
 
-/// What the file puts into memory.
+/// A part of memory that the file loads.
 #[derive(Debug, Clone)]
 struct Segment {
     address: u32,

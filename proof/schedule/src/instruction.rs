@@ -29,7 +29,7 @@ pub enum Address {
 /// A register that an access moves on, and by how many bytes.
 pub type Writeback = (u8, i32);
 
-/// What an instruction does. Masks of registers have bit 0 = R0.
+/// The effect of an instruction. Masks of registers have bit 0 = R0.
 #[expect(missing_docs, reason = "the fields are named after what they are")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Operation {
@@ -211,7 +211,7 @@ pub struct Instruction {
     pub address: u32,
     /// Its length, 2 or 4 bytes.
     pub bytes: u8,
-    /// What it does.
+    /// Its effect.
     pub operation: Operation,
     /// Its condition as encoded; 14: always.
     pub condition: u8,

@@ -1,4 +1,4 @@
-//! What an instruction costs: the cycle table, the waits of the buses, the flash.
+//! The costs of instructions: the cycle table, the waits of the buses, the flash.
 //!
 //! Cycles: Cortex-M4 technical reference manual (DDI 0439) table 3-1, its ranges at their upper
 //! ends. Waits: what a bus adds to an access, RM0090 chapter 2. Flash: RM0090 chapter 3; without
@@ -74,14 +74,14 @@ impl FromStr for Clock {
     }
 }
 
-/// What is assumed of the instruction cache.
+/// A model of the instruction cache.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Cache {
-    /// It holds every instruction.
+    /// Every access hits.
     Warm,
-    /// It is empty at first, and loses nothing in one activation.
+    /// The cache is empty at first, and evicts nothing in one activation.
     Cold,
-    /// It holds nothing but the line in use.
+    /// Only the line in use hits.
     Uncached,
     /// As [`Cache::Uncached`], but a loop whose code fits it misses each line once for each entry.
     Loops,
@@ -164,12 +164,12 @@ impl Model {
         self.table.get(class).copied().unwrap_or_default()
     }
 
-    /// What a miss of the instruction cache costs.
+    /// The cost of a miss of the instruction cache.
     pub fn miss(&self) -> u64 {
         self.of("flash_miss")
     }
 
-    /// What a taken branch costs.
+    /// The cost of a taken branch.
     pub fn refill(&self) -> u64 {
         self.of("refill")
     }
@@ -189,7 +189,7 @@ impl Model {
         2 * self.of("lazy_save")
     }
 
-    /// What a region adds to each access.
+    /// The waits that a region adds to each access.
     pub fn wait(&self, region: Region) -> u64 {
         match region {
             Region::Flash => self.of("flash_data"),

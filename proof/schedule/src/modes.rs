@@ -83,7 +83,7 @@ fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
 struct CallPaths<'a> {
     functions: &'a Functions,
     tagged: &'a [u32],
-    /// What each mode excludes.
+    /// The functions that each mode excludes.
     excluded: Vec<Called>,
     /// Functions that no mode calls.
     never: &'a BTreeSet<u32>,
@@ -94,7 +94,7 @@ struct CallPaths<'a> {
 }
 
 impl CallPaths<'_> {
-    /// What is called on the paths through a function, itself included.
+    /// The sets of functions that are called on the paths through a function, itself included.
     fn of(&mut self, address: u32) -> Vec<Called> {
         if let Some(known) = self.known.get(&address) {
             return known.clone();

@@ -22,7 +22,7 @@ const VARIED_ITERATIONS: u64 = 100;
 /// Lines that are in use where a stretch begins: an interrupted instruction goes on in them.
 const IN_USE: usize = 2;
 
-/// What code costs the preempting tasks, where their lines are fetched once in each stretch.
+/// The share by which code pays for the preempting tasks' lines, fetched once in each stretch.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Share {
     /// Cycles for each line that is fetched outside of visits.
@@ -255,7 +255,7 @@ mod tests {
                         }
                     }
                 }
-                // What was preempted goes on.
+                // The preempted code resumes.
                 let begin = in_use.len().saturating_sub(IN_USE);
                 again += in_use[begin..].iter().map(|line| cache.touch(*line)).sum::<u64>();
             }

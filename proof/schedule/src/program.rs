@@ -23,7 +23,7 @@ pub enum Region {
     Apb2,
     /// The processor's own: NVIC, SysTick, DWT.
     Private,
-    /// What the model has no time for: bit-band aliases, USB, external memory.
+    /// Memory without a cost in the model: bit-band aliases, USB, external memory.
     Uncosted,
     /// Not known: charged as the slowest.
     Unknown,
@@ -144,7 +144,7 @@ pub struct Function {
     pub stores: Vec<Store>,
     /// Its loops, the outer before the inner.
     pub loops: Vec<Loop>,
-    /// What makes it impossible to bound.
+    /// The flaws that make a bound impossible.
     pub flaws: Vec<Flaw>,
     /// Whether it ever returns.
     pub returns: bool,
@@ -164,7 +164,7 @@ impl Block {
 
 /// All functions of an image.
 pub struct Program<'a> {
-    /// What it was made from.
+    /// The instruction from which it was decoded.
     pub image: &'a Image,
     functions: BTreeMap<u32, Function>,
     /// Functions that never return because they panic.

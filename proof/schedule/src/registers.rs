@@ -37,14 +37,14 @@ const INTERRUPT_REGISTERS: [(u32, u32); 3] = [
     (0xe000_e400, 0xe000_e4f0),
     (0xe000_ed18, 0xe000_ed24),
 ];
-/// What runs first, before there is a stack to speak of.
+/// The first function, before there is a stack to speak of.
 const RESET: &str = "Reset";
 /// Aliases of the bits of peripherals: where they begin and end, and the aliased memory.
 const BIT_BAND_ALIASES: std::ops::Range<u32> = 0x4200_0000..0x4400_0000;
 const PERIPHERALS: u32 = 0x4000_0000;
 const BYTES_PER_BIT_ALIAS: u32 = 32;
 
-/// What the stores are compared with.
+/// The registers with which the stores are compared.
 pub(crate) struct Registers<'a> {
     pub(crate) image: &'a Image,
     pub(crate) functions: &'a Functions,
@@ -166,7 +166,7 @@ impl Registers<'_> {
         })
     }
 
-    /// What is wrong with a store to an address that is not known.
+    /// The flaw of a store to an unknown address.
     fn to_computed(&self, store: &Store) -> Option<(String, String)> {
         let frames = self.image.frames(store.at);
         let is_suspect = match store.region {

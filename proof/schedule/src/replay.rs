@@ -56,7 +56,7 @@ pub struct Checker {
     running: Vec<usize>,
     /// The access that may yet show where an instruction of unknown region goes.
     unsettled: bool,
-    /// What all else has spent, and its sections.
+    /// The cycles of all other code, and its sections.
     elsewhere: u64,
     sections: Sections,
     held: BTreeMap<u32, u64>,

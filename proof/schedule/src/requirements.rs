@@ -1,4 +1,4 @@
-//! What `schedule.toml` requires of a report, and whether it is so.
+//! The requirements of `schedule.toml`, and whether a report meets them.
 
 use crate::{Config, Flaw, Place, Report, Requirement, Rule};
 
@@ -73,7 +73,7 @@ fn watchdog(config: &Config, report: &Report) -> Option<Requirement> {
     })
 }
 
-/// What is required of the step task: edges, time and lines of the cache.
+/// The requirements on the step task: edges, time and lines of the cache.
 fn step_task(config: &Config, report: &Report) -> [Requirement; 3] {
     let require = &config.require;
     let jitter = report.step_edge_jitter_us;

@@ -80,7 +80,7 @@ pub(crate) struct Response {
     pub(crate) response: Option<u64>,
     /// How many units of work a substituted run costs, where runs are substituted.
     pub(crate) substitution_cost: Option<f64>,
-    /// What the response time is computed from.
+    /// The demand from which the response time is computed.
     pub(crate) demand: Demand,
 }
 
@@ -376,14 +376,14 @@ impl<'a> Window<'a> {
         }
     }
 
-    /// What a run costs at most, and the share of the processor of all runs.
+    /// The highest cost of a run, and the share of the processor of all runs.
     fn cost(&self, kind: Kind) -> (u64, f64) {
         let parts = self.own.parts.iter();
         let shares = parts.map(|part| part.arrival.rate() * kind.of(part.wcet).0 as f64);
         (kind.of(self.own.cost.wcet).0, shares.sum())
     }
 
-    /// What preempts the row, the most frequent first.
+    /// The rows that preempt this row, the most frequent first.
     fn preempting(&self) -> Vec<&'a RowDemand> {
         let others = self.others.iter();
         let higher = others.filter(|other| other.priority > self.own.priority);
@@ -532,7 +532,7 @@ impl<'a> Window<'a> {
         (demand.response(self.limit), units, demand)
     }
 
-    /// What holds the row up.
+    /// The blocking of the row.
     fn source(&self) -> String {
         let yielding = self.yielding.iter();
         let names = yielding.map(|it| format!("a run of `{}`", self.system.rows[it.row].name));

@@ -22,7 +22,7 @@ pub(crate) struct RowDemand {
     pub(crate) arrival: Arrival,
     /// A whole run, the longest.
     pub(crate) cost: Rc<Cost>,
-    /// What its work consists of: runs, and units of work in them if their number varies.
+    /// The parts of its work: runs, and units of work in them if their number varies.
     pub(crate) parts: Vec<Part>,
     pub(crate) units: Option<UnitCount>,
 }

@@ -5,7 +5,7 @@
 //! 1991). Response times by M. Joseph and P. Pandya 1986, over all jobs of the busy window (J.
 //! Lehoczky 1990).
 
-/// What a quotient in floating point may be above the true one: far less than a cycle's worth.
+/// The error of a quotient in floating point: far less than a cycle's worth.
 const ROUNDING: f64 = 1e-9;
 /// Jobs of one task in a busy window: with more, the processor is all but overloaded.
 const MOST_JOBS: u64 = 10_000;
@@ -63,14 +63,14 @@ pub(crate) struct Load {
     pub(crate) cost: u64,
 }
 
-/// What is to be done in a busy window: all that its response time depends on.
+/// The demand of a busy window: all on which its response time depends.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Demand {
     /// The streams of jobs of the task itself; the ends of the last one's count.
     pub(crate) own: Vec<Load>,
-    /// Those of higher and of the same priority.
+    /// The streams of tasks of higher and of the same priority.
     pub(crate) others: Vec<Load>,
-    /// What the whole window pays once, blocking first of all.
+    /// The cycles that a window pays once, blocking first of all.
     pub(crate) once: u64,
 }
 

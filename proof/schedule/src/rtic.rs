@@ -169,7 +169,7 @@ fn arguments(attribute: &Attribute) -> BTreeMap<String, Vec<TokenTree>> {
     arguments.collect()
 }
 
-/// What stands between commas.
+/// The parts between commas.
 fn split(tokens: TokenStream) -> Vec<Vec<TokenTree>> {
     let mut parts = vec![Vec::new()];
     for token in tokens {

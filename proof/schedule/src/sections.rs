@@ -80,12 +80,12 @@ impl Mask {
     }
 }
 
-/// What an instruction makes of a mask.
+/// The effect of an instruction on a mask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Effect {
-    /// It holds up tasks up to this priority, or all.
+    /// The mask holds up tasks up to this priority, or all.
     Raises(Option<u8>),
-    /// It lets all in.
+    /// The mask is cleared.
     Clears,
     /// The mask has the value that it had at this instruction.
     Restores(u32),
@@ -134,7 +134,7 @@ fn of_function(wcets: &Wcets<'_>, function: &Function) -> Vec<Held> {
             .iter()
             .flat_map(|call| (*wcets.lines(*call)).clone())
             .collect();
-        // What never comes back ends the section, and the machine.
+        // A call that never returns ends the section, and the machine.
         let is_back = |block: &&usize| !function.blocks[**block].traps;
         let calls = blocks.iter().filter(is_back);
         let calls = calls.filter_map(|block| function.blocks[*block].call);
@@ -171,7 +171,7 @@ fn writes(function: &Function) -> Vec<Write> {
         let (operation, address) = (instruction.operation, instruction.address);
         Mask::of(operation).filter_map(move |mask| {
             let effect = effect(function, address, operation, mask);
-            // What is skipped on a condition ends nothing.
+            // A conditional write does not end a section.
             let may_count = !instruction.is_conditional() || matches!(effect, Effect::Raises(_));
             may_count.then_some(Write {
                 block,

@@ -16,7 +16,7 @@ pub(crate) const FLOAT_FRAME_BYTES: u64 = 104 + 4;
 
 const SP: u8 = 13;
 
-/// What a register holds, as far as the stack needs it.
+/// The value of a register, as far as the stack needs it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Value {
     /// So many bytes above the stack pointer at the function's begin.
@@ -31,7 +31,7 @@ type Registers = [Value; 16];
 pub(crate) struct Depths<'a> {
     functions: &'a Functions,
     is_ignored: &'a dyn Fn(u32) -> bool,
-    /// What the pointers that a function calls may point to.
+    /// The possible callees of a function's pointers.
     pointers: &'a BTreeMap<u32, BTreeSet<u32>>,
     /// Blocks of functions whose calls do not count.
     left_out: BTreeSet<(u32, usize)>,
@@ -141,7 +141,7 @@ impl<'a> Depths<'a> {
 
     fn follow(&mut self, function: &Function) -> Result<u64, u32> {
         if function.blocks.is_empty() {
-            // It could not be decoded.
+            // The callee was not decoded.
             return Err(function.address);
         }
         let mut before: Vec<Option<Registers>> = vec![None; function.blocks.len()];
@@ -227,14 +227,14 @@ pub(crate) const fn pointer(operation: &Operation) -> Option<u8> {
     }
 }
 
-/// What a call leaves of the registers.
+/// The registers after a call.
 fn clobber(registers: &mut Registers) {
     for register in [0, 1, 2, 3, 12, 14] {
         registers[register] = Value::Unknown;
     }
 }
 
-/// What a register holds after instructions in a row, if it is a constant and nothing is called.
+/// The value of a register after consecutive instructions, if it is a constant and nothing is called.
 pub(crate) fn constant<'i>(
     register: u8,
     instructions: impl IntoIterator<Item = &'i Instruction>,
@@ -265,7 +265,7 @@ fn join(one: Registers, other: Registers) -> Registers {
     joined
 }
 
-/// What an instruction makes of the registers.
+/// The registers after an instruction.
 fn step(instruction: &Instruction, registers: &mut Registers) {
     let before = *registers;
     let at = |register: u8| before[usize::from(register & 15)];
@@ -446,7 +446,7 @@ mod tests {
         // Behind the call.
         opening(&mut functions, 0x0800_0000, 3);
         assert_eq!(depth(&functions), Ok(16 + 64));
-        // What is called may let them in too.
+        // A callee may enable interrupts too.
         let mut both = functions.clone();
         both.get_mut(&0x0900_0000).unwrap().blocks[0].call = Some(0x0a00_0000);
         let mut last = testing::function(&[(1, &[])]);

@@ -1,4 +1,4 @@
-//! What happens before the tasks run, and that the watchdog is fed wherever the processor may stay for long.
+//! The order of initialisation, and the feeding of the watchdog wherever the processor may stay for long.
 //!
 //! Functions that are inlined are found by what the program file says of each instruction. The order is that of
 //! effects: accesses to peripherals and calls, which the compiler keeps in the order of the source.
@@ -22,12 +22,12 @@ const IWDG_KR: u32 = 0x4000_3000;
 struct Effect<'a> {
     block: usize,
     address: u32,
-    /// What it calls.
+    /// Its callee.
     called: Option<u32>,
     instruction: &'a Instruction,
 }
 
-/// What is wrong with the order of the initialisation, and with the watchdog.
+/// The flaws of the order of the initialisation, and of the watchdog.
 pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     let startup = config.startup.iter();
     let startup = startup.flat_map(|startup| of_startup(program, startup));

@@ -1,4 +1,4 @@
-//! What is analysed: the program, the application, the file `schedule.toml`, brought together.
+//! The analysed system: the program, the application and `schedule.toml`, brought together.
 
 use std::{
     cell::RefCell,
@@ -67,7 +67,7 @@ pub(crate) struct Times {
     exclusive_with: Vec<String>,
 }
 
-/// What a row costs.
+/// The cost of a row.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Cost {
     /// `cold` is 0 where the cache does not hold the row's code.
@@ -322,7 +322,7 @@ impl<'a> System<'a> {
         }
     }
 
-    /// What a row costs with these values of the named bounds; `None`: that has no bound.
+    /// The cost of a row with these values of the named bounds; `None`: no bound.
     pub(crate) fn cost(&self, row: usize, named: &BTreeMap<String, u64>) -> Option<Rc<Cost>> {
         let values = self.used[row]
             .iter()

@@ -65,16 +65,16 @@ impl Region {
 pub(crate) enum Base {
     /// The stack pointer where the function begins.
     Stack,
-    /// What this register holds where the function begins.
+    /// The value of this register where the function begins.
     Entry(u8),
-    /// What the instruction at this address wrote to this register when it was executed last.
+    /// The last value that the instruction at this address wrote to this register.
     Written(u32, u8),
     /// The word at an offset from the value that this register has where the function begins, when it
     /// was loaded last.
     LoadedFrom(u8, i32),
 }
 
-/// What is known of a value.
+/// An abstract value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Value {
     Constant(u32),
@@ -125,7 +125,7 @@ impl Value {
         Self::In { region, origins }
     }
 
-    /// What it may be made from.
+    /// The pointers from which the value may be made.
     pub(crate) const fn origins(self) -> Origins {
         match self {
             Self::Constant(_) => Origins::NONE,
@@ -187,7 +187,7 @@ impl Value {
         matches!(self, Self::Constant(0..FIRST_MEMORY))
     }
 
-    /// What holds whichever of the two it is.
+    /// The join of both values.
     pub(crate) fn join(self, other: Self) -> Self {
         if self == other {
             return self;

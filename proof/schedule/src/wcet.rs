@@ -22,7 +22,7 @@ use crate::{
 
 /// Functions by their addresses.
 pub type Functions = BTreeMap<u32, Function>;
-/// What a function costs.
+/// The cost of a function.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Bound {
     /// Cycles of the longest path, without the iterations of `open`.
@@ -139,7 +139,7 @@ impl<'a> Wcets<'a> {
         Some(bound)
     }
 
-    /// What fetching the first block costs.
+    /// The cost of fetching the first block.
     fn first_fetch(&self, function: &Function, cache: Cache) -> u64 {
         match cache {
             Cache::Warm | Cache::Cold => 0,
@@ -358,7 +358,7 @@ impl<'a> Wcets<'a> {
         lines
     }
 
-    /// What a task's function costs from a cold cache, if the cache holds all of it: each line is
+    /// The cost of a task's function from a cold cache, if the cache holds all of it: each line is
     /// missed once.
     pub(crate) fn cold(&self, address: u32) -> Option<u64> {
         let lines = self.lines(address).len();

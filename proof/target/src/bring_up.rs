@@ -174,7 +174,7 @@ fn write(report: &Report) -> Result<[PathBuf; 2]> {
 /// Parts that the emulator leaves open: the others must pass there.
 const OPEN_IN_QEMU: usize = 40;
 
-/// What the emulator can show is as it must be.
+/// Every fact that the emulator can measure passes.
 pub(crate) fn check() -> Result<check::Verdict> {
     let (board, _) = firmware::boards::emulated()?;
     let elf = on_target::build(&board, TEST)?;

@@ -124,7 +124,7 @@ mod with_probe {
 
     /// The address of the channels.
     const RTT_SYMBOL: &str = "_SEGGER_RTT";
-    /// What the program calls its channel.
+    /// The name of the program's channel.
     const CHANNEL: &str = "calibrate";
     /// Time for which the probe leaves the chip alone, whose memory it would have to share: the
     /// program measures for less.

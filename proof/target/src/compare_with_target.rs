@@ -101,7 +101,7 @@ fn in_the_firmware() -> Result<()> {
     Ok(())
 }
 
-/// What must be equal although bytes arrive at other times.
+/// The results that must be equal although bytes arrive at other times.
 fn compare(path: &Path, here: &Figures, there: &Figures) -> Result<()> {
     let name = path.display();
     ensure!(here.responses == there.responses, "{name}: other answers");

@@ -76,7 +76,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     Ok(ExitCode::from(u8::from(outcome.is_refuted())))
 }
 
-/// What the firmware executes.
+/// The workload of the firmware.
 fn chosen_workload(options: &Options) -> Result<Workload> {
     let once = options.file.is_some() && options.seconds.is_none();
     Workload::new(options.file.as_deref(), once)
@@ -152,7 +152,7 @@ fn follow(
     }
 }
 
-/// What has been found so far, where standard error is a terminal.
+/// Prints the results so far, where standard error is a terminal.
 struct Live(Option<ProgressBar>);
 
 impl Live {

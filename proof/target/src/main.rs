@@ -1,4 +1,4 @@
-//! What has to do with a board, emulated or not: one file for each command.
+//! Commands for a board, emulated or not: one file for each command.
 
 mod bench;
 mod bring_up;

@@ -93,7 +93,7 @@ impl Sweep {
                 _ => image.half(entry).map(u32::from),
             })
             .map(|entry| from + 2 * entry)
-            // What fills the table up leads into it.
+            // A padding entry leads into the table.
             .filter(|&to| to >= code)
             .collect();
         let are_known = targets.iter().all(|to| self.instructions.contains_key(to));

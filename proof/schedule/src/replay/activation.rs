@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::graph::{Gate, Graph, Site};
 
-/// What a run has cost.
+/// The cost of a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Spent {
     pub(super) instructions: u64,
@@ -182,7 +182,7 @@ impl Activation {
             if let Some((bound, _)) = looped.bound
                 && self.runs[number] > bound
             {
-                // Who preempts pays for what must be tried again.
+                // The preempting task pays for the retry.
                 if looped.retries && self.runs[number] <= bound + self.preemptions {
                     self.spent.cycles = begun;
                     self.met[number] = begun;
@@ -210,7 +210,7 @@ impl Activation {
         let Some(offset) = site.on_stack else {
             return true;
         };
-        // What has no condition has changed the depth already.
+        // An unconditional instruction has changed the depth already.
         let before = if site.is_conditional {
             self.depth
         } else {

@@ -7,7 +7,7 @@ use crate::{
     Address, Block, Count, Function, Instruction, Model, Operation, Region, raises, restores,
 };
 
-/// What an instruction does to the sections in which tasks are held up.
+/// The effect of an instruction on the sections in which tasks are held up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Gate {
     None,

@@ -1,4 +1,4 @@
-//! What is to be followed.
+//! The tasks and sections to be followed.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

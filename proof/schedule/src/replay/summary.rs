@@ -1,4 +1,4 @@
-//! What a replay has found.
+//! The result of a replay.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +14,7 @@ pub struct Summary {
     pub instructions: u64,
     /// Accesses to memory by the tasks.
     pub accesses: u64,
-    /// Those of them whose region was not predicted.
+    /// Accesses whose region was not predicted.
     pub unpredicted: u64,
     /// Sections in which tasks are held up, in whatever code.
     pub sections: Vec<Held>,

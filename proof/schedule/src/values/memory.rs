@@ -49,10 +49,10 @@ impl State {
         }
     }
 
-    /// What a word is loaded as, when that is known.
+    /// The abstract value of a loaded word, when known.
     fn loaded(&self, around: Surroundings<'_>, from: Value) -> Option<Value> {
         if from.origins().contains(Origins::FRAME) {
-            // It may be any pointer that was kept there.
+            // Any pointer that was kept there.
             let kept = Value::of(Region::Unknown, Origins::ALL);
             let slot = from.in_frame().and_then(|slot| self.slots.get(&slot));
             return Some(slot.copied().unwrap_or(kept));

@@ -1,4 +1,4 @@
-//! What is known of registers, flags and the frame at one place of a function.
+//! The abstract state at one place of a function: registers, flags and the frame.
 
 use std::{
     borrow::Cow,
@@ -30,7 +30,7 @@ pub(crate) struct Callees {
     pub(crate) statics: BTreeMap<u32, Region>,
 }
 
-/// What a state is followed through.
+/// The constant context of a state.
 #[derive(Clone, Copy)]
 pub(crate) struct Surroundings<'a> {
     pub(crate) image: &'a Image,
@@ -207,7 +207,7 @@ impl State {
         };
         let is_here = other.condition == instruction.condition;
         if instruction.is_return() {
-            // What is executed next follows only if it did not return.
+            // The next instruction follows only if this one did not return.
             if is_here {
                 *self = other.state;
             }
@@ -264,7 +264,7 @@ impl State {
 
     /// `register` gets the value that is called `base` from now on.
     pub(super) fn write_as(&mut self, base: Base, register: u8, region: Region) {
-        // What was called so before is not what is called so now.
+        // An older value with the same base is another value.
         let known = self.registers.iter_mut().chain(self.slots.values_mut());
         for value in known {
             match *value {

@@ -1,4 +1,4 @@
-//! What instructions make of a state.
+//! The transfer function: the effect of an instruction on a state.
 
 use super::{
     Flags, Origins, Value,

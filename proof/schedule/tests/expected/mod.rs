@@ -1,4 +1,4 @@
-//! What an instruction must be, from its name and operands in a disassembly.
+//! The expected instruction, from its name and operands in a disassembly.
 
 mod operands;
 

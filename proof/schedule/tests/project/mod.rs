@@ -9,7 +9,7 @@ use std::{
 use schedule::{Flaw, Input, Report, Rule, analyse};
 
 const TARGET: &str = "thumbv7em-none-eabihf";
-/// What a test compiles; the rest of the folder is copied beside it.
+/// The application that a test compiles; the rest of the folder is copied.
 const FILES: [&str; 6] = [
     "Cargo.toml",
     "device.x",
@@ -107,7 +107,7 @@ impl Project {
         target.join(TARGET).join("release").join(&self.name)
     }
 
-    /// What the analysis says of a program, with the sources as they are now.
+    /// The report of the analysis of a program, with the sources as they are now.
     pub(crate) fn analyse(&self, elf: &Path) -> Report {
         write(&self.folder.join("src/app.rs"), &self.app);
         let input = Input {

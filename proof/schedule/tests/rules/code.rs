@@ -1,4 +1,4 @@
-//! What code may not do: in a task with a deadline, in `idle`, and in what holds tasks up.
+//! Forbidden code: in a task with a deadline, in `idle`, and in sections.
 
 use schedule::Rule;
 
@@ -427,7 +427,7 @@ const HIDDEN_DELAYS: [Wrong; 11] = [
     ),
 ];
 
-/// What they call.
+/// Their callees.
 const CALLED_BY_HIDDEN_DELAYS: &str = "#[inline(never)]
     fn is_ready() -> bool {
         device::has_byte()

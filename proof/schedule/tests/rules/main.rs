@@ -8,7 +8,7 @@ use std::{fs, path::Path, process::Command};
 use project::{Project, assert_caught};
 use schedule::{Report, Rule};
 
-/// What is found, or the end of the test, which has said why there is nothing.
+/// The value, or the end of the test, which has printed why there is none.
 macro_rules! or_skip {
     ($found:expr) => {
         match $found {
@@ -292,7 +292,7 @@ fn floating_point_in_an_urgent_task_is_caught() {
     assert!(flaw.what.contains("`receive`"), "{}", flaw.what);
 }
 
-/// What a task with a deadline calls, on a condition.
+/// A function that a task with a deadline calls on a condition.
 const HELPER_MODULE: &str = "mod helper {
         #[inline(never)]
         pub fn main() {

@@ -91,14 +91,14 @@ fn a_program_with_a_watchdog_of_which_nothing_is_said_is_reported() {
     assert_eq!(configuration_flaws(&project), reported);
 }
 
-/// What is wrong with `schedule.toml`.
+/// The flaws of `schedule.toml`.
 fn configuration_flaws(project: &Project) -> Vec<String> {
     let flaws = project.flaws().into_iter();
     let flaws = flaws.filter(|flaw| flaw.rule == Rule::Configuration);
     flaws.map(|flaw| flaw.what).collect()
 }
 
-/// What an initialisation may be made of.
+/// The parts of an initialisation.
 const ITEMS: &str = "#[inline(always)]
     fn outputs() {
         device::write_pins(1);

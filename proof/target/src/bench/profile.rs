@@ -29,7 +29,7 @@ const LEAST_ALL: f64 = 2.0;
 /// A task with less than one part in this of all cycles is not broken down.
 const NEGLIGIBLE: u64 = 200;
 
-/// What one function or line costs.
+/// The cost of one function or line.
 #[derive(Default, Clone, Copy)]
 struct Share {
     /// Executions of its most executed instruction: about how often it ran.

@@ -8,7 +8,7 @@ use super::report::Report;
 
 /// The emulated board has no step timer and no watchdog: these handlers stand for the hardware.
 pub(super) const STAND_INS: [&str; 2] = ["TIM2", "TIM3"];
-/// What runs outside handlers: initialisation and idling.
+/// Code outside of handlers: initialisation and idling.
 pub(super) const THREAD: &str = "thread";
 /// The step interrupt.
 pub(super) const STEP: &str = "step";

@@ -1,4 +1,4 @@
-//! What the firmware is made to do while it is counted.
+//! The workloads of the benchmark.
 
 use std::f64::consts::TAU;
 
@@ -20,7 +20,7 @@ pub(super) struct Workload {
     pub(super) end_mm: [f64; 3],
     /// How long it moves when the look-ahead never runs dry, seconds.
     pub(super) motion_s: f64,
-    /// What its cost is divided by: steps, periods of the fastest axis, or lines.
+    /// The divisor of its cost: steps, periods of the fastest axis, or lines.
     pub(super) count: u64,
 }
 

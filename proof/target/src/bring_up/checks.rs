@@ -9,15 +9,15 @@ use serde::Serialize;
 use self::{flash::flash, serial::serial};
 use super::facts::Facts;
 
-/// What becomes of a check, or of a part of it.
+/// The result of a check, or of a part of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Verdict {
-    /// It is as it must be.
+    /// Passed.
     Passed,
-    /// It is not.
+    /// Failed.
     Failed,
-    /// It cannot be measured here.
+    /// Not measurable here.
     Open,
 }
 
@@ -26,7 +26,7 @@ pub(super) enum Verdict {
 pub(super) struct Item {
     pub(super) name: String,
     pub(super) expected: String,
-    /// What was measured, or why it was not.
+    /// The measured value, or the reason for a missing one.
     pub(super) measured: String,
     pub(super) verdict: Verdict,
 }
@@ -52,7 +52,7 @@ impl Check {
     }
 }
 
-/// What the facts must be on a board, by its file and by the program.
+/// The facts that a board must show, from its file and the program.
 #[derive(Debug, Clone)]
 pub(super) struct Expected {
     /// The number of the chip's kind.
@@ -83,7 +83,7 @@ pub(super) fn chip_number(hal: &str) -> Option<i64> {
     found.map(|(_, number)| *number)
 }
 
-/// What a fact needs to be measured.
+/// The requirement for measuring a fact.
 #[derive(Clone, Copy)]
 enum Need {
     /// The program.
@@ -357,7 +357,7 @@ fn step_timer(parts: &mut Parts<'_>, _: &Expected) {
     reloads(parts);
 }
 
-/// What is halted in the middle stays where it is, and goes on from there.
+/// A halted motion stays in place, and continues from there.
 fn halts(parts: &mut Parts<'_>) {
     parts.add_all(
         "halts: events",

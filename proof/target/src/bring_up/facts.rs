@@ -1,4 +1,4 @@
-//! What the program on the board sends: a line of a name and a number for each fact.
+//! Facts that the program on the board sends: a line of a name and a number for each.
 
 use std::collections::BTreeMap;
 

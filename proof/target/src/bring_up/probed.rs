@@ -103,7 +103,7 @@ mod with_probe {
         Ok(facts)
     }
 
-    /// What the program says.
+    /// The output of the program.
     struct Output {
         place: u64,
         channels: Option<Rtt>,

@@ -67,13 +67,13 @@ impl Report {
         self.is_emulated
     }
 
-    /// What its files are called.
+    /// The name of its files.
     pub(super) fn name(&self) -> String {
         let number = self.unique_number.as_deref().unwrap_or("emulated");
         format!("{}-{number}", self.board)
     }
 
-    /// What came of it, in a sentence.
+    /// The result, in a sentence.
     pub(super) fn summary(&self) -> String {
         let count = |verdict| {
             let items = self.checks.iter().flat_map(|check| &check.items);

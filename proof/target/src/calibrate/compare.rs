@@ -14,9 +14,9 @@ const LINE: u64 = 4;
 pub(super) struct Row {
     /// Its name.
     pub(super) class: String,
-    /// What was measured, cycles.
+    /// The measured cycles.
     pub(super) measured: u64,
-    /// What the table says, cycles.
+    /// The cycles of the table.
     pub(super) table: u64,
     /// The slowest of what the class stands for.
     pub(super) variant: String,

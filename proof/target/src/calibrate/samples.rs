@@ -1,10 +1,10 @@
-//! What the program on the board sends.
+//! Samples that the program on the board sends.
 
 use std::str::FromStr;
 
 use anyhow::{Context, Result, bail, ensure};
 
-/// What repetitions of something took.
+/// The measured times of repetitions of an instruction.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Sample {
     /// Class of the analysis' table.

@@ -152,7 +152,7 @@ mod tests {
 
     const STOPPED: &str = "$T02thread:01;#04";
     const ATTACHED: (&str, &str) = ("", "$qAttached#8f");
-    /// What QEMU says then.
+    /// QEMU's answer.
     const YES: &str = "+$1#31";
 
     /// QEMU's side of a conversation: the packets sent, and the packets expected next.

@@ -48,7 +48,7 @@ pub struct Emulator {
     contacts: u64,
 }
 
-/// What the pins have done.
+/// The recorded edges of the pins.
 #[derive(Debug, PartialEq)]
 pub struct Pins {
     /// Events that began a pulse.

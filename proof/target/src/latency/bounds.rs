@@ -23,7 +23,7 @@ use super::measurement::{Clock, Task, Unit};
 /// the task, from a cold cache.
 const BEGINNING: u64 = 120;
 
-/// What is proven of a firmware.
+/// The proven bounds of a firmware.
 pub(super) struct Proof {
     /// The bounds, by the name of the task.
     pub(super) bounds: BTreeMap<String, Bound>,
@@ -47,7 +47,7 @@ impl Proof {
     }
 }
 
-/// What the analysis says, as far as it matters here.
+/// The part of the analysis' report that is used here.
 #[derive(Debug, Default, Deserialize)]
 struct Report {
     clock_hz: u64,
@@ -96,7 +96,7 @@ fn flaws(report: &Report) -> Option<String> {
     ))
 }
 
-/// What is proven of a task, cycles.
+/// The proven bounds of a task, cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Bound {
     /// Its execution time, with entry and exit of the exception.

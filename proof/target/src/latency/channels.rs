@@ -11,7 +11,7 @@ use target::emulator::symbol;
 /// The firmware's control block, and the counts of the records that it has dropped.
 const CONTROL_BLOCK: &str = "_SEGGER_RTT";
 const DROPPED: &str = "TRACE_DROPPED";
-/// What a control block begins with.
+/// The first bytes of a control block.
 const MARK: &[u8; 16] = b"SEGGER RTT\0\0\0\0\0\0";
 /// Bytes before its channels, and of each: name, buffer, size, write, read, flags.
 const HEAD: usize = 24;
@@ -56,7 +56,7 @@ pub(super) struct Record {
     pub(super) number: u32,
 }
 
-/// What was read at one time.
+/// The records of one read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Batch {
     /// The firmware's clock, after everything else was read.

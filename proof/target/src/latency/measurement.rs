@@ -1,4 +1,4 @@
-//! What was measured of each task, and on which clock.
+//! The measurement of each task, and its clock.
 
 use serde::Serialize;
 
@@ -8,7 +8,7 @@ use super::{
     nesting::{Activation, Nesting},
 };
 
-/// What the firmware's records count.
+/// The unit of the firmware's records.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Clock {
     /// The unit of all reported times.
@@ -62,7 +62,7 @@ impl Clock {
     }
 }
 
-/// What was measured of one task.
+/// The measurement of one task.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Task {
     pub(crate) name: String,

@@ -95,7 +95,7 @@ impl Nesting {
         settled
     }
 
-    /// What is left when the last batch has been read.
+    /// Returns the remaining activations after the last batch.
     pub(super) fn settle_all(&mut self) -> Vec<Activation> {
         self.settle(&[])
     }

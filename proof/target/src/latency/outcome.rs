@@ -1,4 +1,4 @@
-//! What a measurement has found: as a table, as histograms, as JSON.
+//! The outcome of a measurement: as a table, as histograms, as JSON.
 
 use std::{collections::BTreeMap, fmt::Write as _};
 
@@ -16,7 +16,7 @@ const BAR: f64 = 48.0;
 
 /// The whole outcome.
 pub(crate) struct Outcome {
-    /// What was measured, and where: one line.
+    /// Program and board of the measurement: one line.
     pub(crate) subject: String,
     pub(crate) clock: Clock,
     /// The clock of the core, Hz.
@@ -116,7 +116,7 @@ impl Outcome {
         text
     }
 
-    /// What has to be known to read the table.
+    /// Notes for reading the table.
     pub(crate) fn notes(&self) -> String {
         let mut text = String::new();
         let unit = self.clock.unit.name();
@@ -174,7 +174,7 @@ impl Outcome {
     }
 }
 
-/// What the emulator's clock means.
+/// The meaning of the emulator's clock.
 const EMULATED: &str = "\
     Under QEMU there is no cycle counter: time goes on by 8 ns of virtual time with each executed\n\
     instruction, whatever it is, and is told in instructions. Each takes a cycle at least, so an\n\

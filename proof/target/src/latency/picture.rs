@@ -21,7 +21,7 @@ const NAMES: i32 = 150;
 const COUNTS: i32 = 46;
 const EXECUTION: RGBColor = RGBColor(34, 139, 94);
 const BOUND: RGBColor = RGBColor(205, 66, 70);
-/// What is drawn of each task, and its colour.
+/// The drawn distribution of each task, and its colour.
 const COLUMNS: [(&str, RGBColor); 2] = [("latency", SPEED), ("execution", EXECUTION)];
 
 /// Draws a picture.

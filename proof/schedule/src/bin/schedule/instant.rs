@@ -64,7 +64,7 @@ pub(super) struct Blocker {
     pub(super) length: f64,
 }
 
-/// What runs in a slice of time.
+/// The running task of a slice of time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Runner {
     /// The less urgent code.

@@ -136,7 +136,7 @@ fn clock(board: &Board) -> Result<Clock> {
     board.chip.clocks.to_string().parse().map_err(Error::msg)
 }
 
-/// What is asked of the firmware.
+/// The requested analysis of the firmware.
 fn config() -> Result<Config> {
     let path = cargo::root().join("schedule.toml");
     let text =

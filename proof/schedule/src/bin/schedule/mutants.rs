@@ -32,19 +32,19 @@ use site::{Draw, Site};
 const TEXT: &str = "docs/scheduling.md";
 const BEGIN: &str = "<!-- begin: cargo xtask schedule --mutants --write -->\n";
 const END: &str = "<!-- end of mutants -->\n";
-/// What at the top of the project is not compiled.
+/// Entries at the top of the project that are not compiled.
 const NOT_COPIED: [&str; 2] = ["target", ".git"];
 
-/// What became of a mutant.
+/// The outcome of a mutant.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 enum Outcome {
-    /// It does not compile.
+    /// The mutant does not compile.
     Unbuilt,
     /// Its code is that of the firmware.
     Equal,
     /// The proof says what is wrong.
     Detected(String),
-    /// It is proven.
+    /// The mutant is proven.
     Survived,
 }
 
@@ -204,7 +204,7 @@ impl<'a> MutantBuilder<'a> {
         self.elf.with_file_name("build")
     }
 
-    /// What becomes of a mutant, as it is known or now found.
+    /// Returns the outcome of a mutant, known or new.
     fn outcome(&mut self, name: &str, site: &Site, code: &str) -> Result<Outcome> {
         if let Some(known) = self.known.get(name) {
             return Ok(known.clone());
@@ -238,7 +238,7 @@ impl<'a> MutantBuilder<'a> {
     }
 }
 
-/// What is flashed of a program.
+/// The flashed bytes of a program.
 fn code(elf: &Path) -> Result<Vec<u8>> {
     let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
     let file = object::File::parse(&*bytes)
@@ -271,7 +271,7 @@ fn copy(from: &Path, to: &Path) -> Result<()> {
     Ok(())
 }
 
-/// What was found, by the kind of fault.
+/// The results by the kind of fault.
 fn table(tallies: &[Tally]) -> String {
     let rows = FAULTS.iter().zip(tallies).map(|(fault, tally)| {
         let survivors = match tally.survivors.as_slice() {

@@ -76,7 +76,7 @@ fn sorted(rates: &BTreeMap<String, u32>) -> Vec<(u32, u32)> {
     rates
 }
 
-/// What was analysed, at which rates, and how far to trust it.
+/// The analysed program, its rates, and how far to trust the report.
 pub(super) fn heading(report: &Report) -> Vec<String> {
     vec![
         format!(
@@ -127,7 +127,7 @@ pub(super) fn unmet(report: &Report) -> usize {
     flaws.filter(|flaw| flaw.rule == Rule::Requirement).count()
 }
 
-/// What the analysis comes to, in a sentence.
+/// The verdict of the analysis, in a sentence.
 pub(super) fn verdict(report: &Report) -> String {
     let unmet = unmet(report);
     match (report.flaws.len() - unmet, rate(report)) {
@@ -225,7 +225,7 @@ pub(super) fn readable(place: &str) -> String {
     }
 }
 
-/// What holds each task up.
+/// The blocking of each task.
 pub(super) fn blocking(report: &Report) -> Vec<(String, String)> {
     let mut found: Vec<(String, Vec<&str>)> = Vec::new();
     for task in &report.tasks {
@@ -265,7 +265,7 @@ fn waits(report: &Report) -> String {
     format!("at most {waits}, before the line being read and their own time")
 }
 
-/// What is known of the tasks without a deadline: how their loops end, and how long they take besides.
+/// The tasks without a deadline: how their loops end, and how long they take besides.
 fn undeadlined(report: &Report) -> Option<(&'static str, String)> {
     let it = report.undeadlined.as_ref()?;
     let cycles_text = it.rest_cycles.map_or("unknown".into(), |cycles| {

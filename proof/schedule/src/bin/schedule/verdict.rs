@@ -26,7 +26,7 @@ pub(crate) struct Row {
 #[derive(Debug, Default)]
 pub(crate) struct Verdict {
     pub(crate) rows: Vec<Row>,
-    /// What is wrong, one sentence each.
+    /// The violations, one sentence each.
     pub(crate) failures: Vec<String>,
 }
 

@@ -18,7 +18,7 @@ fn expected() -> Expected {
     }
 }
 
-/// What a board says with which everything is well.
+/// The facts of a faultless board.
 const FACTS: [(&str, i64); 61] = [
     ("emulated", 0),
     ("port", 1),

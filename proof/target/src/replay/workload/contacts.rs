@@ -1,4 +1,4 @@
-//! What contacts do: switches, probe, door and buttons.
+//! Contacts: switches, probe, door and buttons.
 
 use anyhow::Result;
 use leadscrew::{axis::AXES, model::Levels};

@@ -80,7 +80,7 @@ struct Found(Vec<(String, RangeInclusive<u32>, usize, usize)>);
 
 impl Found {
     fn add(&mut self, signature: &Signature, block: &Block) {
-        // What is computed while compiling cannot hold such a fault; a closure's lines are its own.
+        // A constant function cannot hold such a fault; a closure's lines are its own.
         if signature.constness.is_some() || signature.asyncness.is_some() {
             return;
         }

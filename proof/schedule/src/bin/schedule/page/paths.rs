@@ -69,7 +69,7 @@ fn one(task: &Task, colour: &str, is_open: bool, root: &Path) -> String {
 
 fn row(text: &mut String, line: &Line, most: u64, colour: &str, root: &Path) {
     let percent = line.cycles as f64 / most as f64 * 100.0;
-    // What the compiler made for no line of its own has the number 0.
+    // Code of no line has the number 0.
     let number = match line.line {
         0 => String::new(),
         number => format!(":{number}"),
