@@ -1,8 +1,9 @@
 //! Worst-case execution and response times of an RTIC application, from its ELF file.
 //!
 //! The ELF is read into an image and decoded into functions of blocks, and the longest path of each
-//! function is found. From these, the priorities of the application and the releases of its tasks
-//! follows a response time for each task. What cannot be bounded is a [`Flaw`], never a guess.
+//! function is found. The longest paths, the priorities of the application and the releases of its
+//! tasks give a response time for each task. Code without a bound is a [`Flaw`], never a guess.
+//! `proof/README.md` has the order of the analysis, module by module.
 #![forbid(unsafe_code)]
 #![allow(
     clippy::must_use_candidate,

@@ -10,7 +10,7 @@ use crate::{
 /// Most lines that are listed.
 const MOST_LINES: usize = 40;
 
-/// The lines of a row's worst path with such a cache, the dearest first; none where it has no deadline.
+/// The lines of a row's worst path with such a cache, the costliest first; none where it has no deadline.
 pub(crate) fn of(
     system: &System<'_>,
     row: &Row,

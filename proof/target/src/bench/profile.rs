@@ -250,7 +250,7 @@ fn shorten(file: &str) -> &str {
     inside.or_else(registry).or_else(library).unwrap_or(file)
 }
 
-/// The dearest by own cycles, with the dearest containers, in the order of their own cycles.
+/// The costliest by own cycles, with the costliest containers, in the order of their own cycles.
 fn table(what: &str, shares: HashMap<String, Share>, total: u64, rows: usize) {
     let percent = |cycles: u64| cycles as f64 * 100.0 / total.max(1) as f64;
     let mut sorted: Vec<_> = shares.into_iter().collect();

@@ -35,7 +35,7 @@ impl Row {
         self.bound.warm as f64 / self.runs.warm_max.max(1) as f64
     }
 
-    /// Where the row was dearer than it can be.
+    /// The bounds of the row that a run exceeded, one sentence each.
     fn excess(&self, task: &Task) -> Vec<String> {
         let Runs {
             warm_max,
