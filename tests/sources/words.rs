@@ -1,8 +1,14 @@
-//! No name that has been given up comes back: `docs/GLOSSARY.md` lists them, old to new.
+//! No name that has been given up comes back: the glossaries list them, old to new.
 
 use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
 use super::sources;
+
+/// The documents with a table of names.
+const GLOSSARIES: [&str; 2] = ["docs/GLOSSARY.md", "proof/GLOSSARY.md"];
+
+/// The folders whose names are read.
+const FOLDERS: [&str; 4] = ["src", "tests", "xtask", "proof"];
 
 /// A row of the table.
 #[derive(Debug, PartialEq)]
@@ -13,11 +19,13 @@ struct Retired {
     new: String,
     /// Beginning of the paths where it is given up.
     folder: String,
+    /// The glossary that says so.
+    glossary: String,
 }
 
-/// The rows of the table under "Old and new names".
-fn retired(glossary: &str) -> Vec<Retired> {
-    let (_, table) = glossary
+/// The rows of the table under "Old and new names" of a glossary with this text.
+fn retired(glossary: &str, text: &str) -> Vec<Retired> {
+    let (_, table) = text
         .split_once("## Old and new names")
         .expect("the glossary has the table");
     table
@@ -33,6 +41,7 @@ fn retired(glossary: &str) -> Vec<Retired> {
                     old: old.trim_matches('`').into(),
                     new: new.into(),
                     folder: folder.trim_matches('`').into(),
+                    glossary: glossary.into(),
                 })
                 .collect::<Vec<_>>()
         })
@@ -99,10 +108,11 @@ fn comebacks(path: &str, source: &str, retired: &[Retired]) -> String {
             if let Some(row) = row {
                 let _ = writeln!(
                     found,
-                    "{path}:{}: `{name}`: `{}` is {} now (docs/GLOSSARY.md)",
+                    "{path}:{}: `{name}`: `{}` is {} now ({})",
                     number + 1,
                     row.old,
                     row.new,
+                    row.glossary,
                 );
             }
         }
@@ -110,13 +120,31 @@ fn comebacks(path: &str, source: &str, retired: &[Retired]) -> String {
     found
 }
 
+/// The retired names of all glossaries.
+fn all_retired() -> Vec<Retired> {
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    let rows = GLOSSARIES.iter().flat_map(|glossary| {
+        let text = fs::read_to_string(root.join(glossary)).expect("the glossaries can be read");
+        let rows = retired(glossary, &text);
+        assert!(
+            rows.len() > 5,
+            "the table of {glossary} is not where it was"
+        );
+        rows
+    });
+    rows.collect()
+}
+
+/// Whether the names of a folder are read.
+fn is_read(folder: &str) -> bool {
+    let mut parts = folder.split('/');
+    parts.next().is_some_and(|top| FOLDERS.contains(&top))
+}
+
 #[test]
 fn no_retired_name_comes_back() {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("docs/GLOSSARY.md");
-    let glossary = fs::read_to_string(path).expect("docs/GLOSSARY.md can be read");
-    let retired = retired(&glossary);
-    assert!(retired.len() > 20, "the table is not where it was");
-    let found: String = sources(&["src", "tests", "xtask", "proof"])
+    let retired = all_retired();
+    let found: String = sources(&FOLDERS)
         .iter()
         .map(|(path, source)| comebacks(path, source, &retired))
         .collect();
@@ -124,27 +152,41 @@ fn no_retired_name_comes_back() {
 }
 
 #[test]
+fn each_folder_of_the_tables_is_there_and_read() {
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    for row in all_retired() {
+        let folder = &row.folder;
+        assert!(is_read(folder) && root.join(folder).is_dir(), "{row:?}");
+    }
+    assert!(is_read("xtask/send/") && is_read("tests/"));
+    assert!(!is_read("boards/") && !is_read("source/"));
+}
+
+#[test]
 fn a_retired_name_is_found_as_a_name_and_as_a_part_of_one() {
-    let glossary = "## Old and new names\n\
+    let text = "## Old and new names\n\
         | old | new | where |\n|---|---|---|\n\
         | `StepCounts`, `be_patient` | `SegmentRing` | `src/` |\n\
-        | `gate` | junction limit | `src/motion/` |\n";
-    let retired = retired(glossary);
-    assert_eq!(retired.len(), 3);
+        | `gate` | junction limit | `src/motion/` |\n\
+        | `way` | path | `proof/` |\n";
+    let retired = retired("proof/GLOSSARY.md", text);
+    assert_eq!(retired.len(), 4);
     for (path, source) in [
         ("src/stepper/mod.rs", "struct StepCounts;"),
         ("src/app.rs", "fn f() { requests.be_patient(); }"),
         ("src/motion/plan.rs", "let first_gate = 1;"),
         ("src/motion/plan.rs", "const GATE_MM: f32 = 1.0;"),
         ("src/motion/plan.rs", "let c = '\"'; struct LastGate;"),
+        ("proof/schedule/src/wcet.rs", "let first_way = 1;"),
     ] {
         let found = comebacks(path, source, &retired);
         assert!(found.contains(":1: "), "{source}: {found:?}");
-        assert!(found.contains(" now (docs/GLOSSARY.md)"), "{source}");
+        assert!(found.contains(" now (proof/GLOSSARY.md)"), "{source}");
     }
     for (path, source) in [
         ("tests/motion/lookahead.rs", "struct StepCounts;"),
         ("src/path/block.rs", "let gate = 1;"),
+        ("proof/cost/src/lib.rs", "let always = \"way\";"),
         (
             "src/motion/plan.rs",
             "// gate\nlet navigate = \"gate\"; let delegated = 'g';",

@@ -1,4 +1,4 @@
-//! What the cost and the flow of an instruction depend on.
+//! The properties of an instruction on which its cost and flow depend.
 //!
 //! The decoder is that of the timing analysis. What it does not know is [`None`]: never a guess.
 
@@ -8,7 +8,7 @@ use schedule::{
     decode::{DIVIDE, MOVE_TWO, MULTIPLY_ADD},
 };
 
-/// What an instruction costs depends on this.
+/// The class of an instruction, which decides its cost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Class {
     /// Arithmetic, logic, multiplication, moves, hints; floating point but what follows below.
@@ -29,7 +29,7 @@ pub enum Class {
     Branch,
     /// `TBB`, `TBH`.
     TableBranch,
-    /// `IT` with the number of instructions that depend on it.
+    /// `IT` with the number of conditional instructions after it.
     IfThen(u8),
     /// `MRS`, `MSR`, `CPS`, moves between two core and two floating-point registers.
     Special,
@@ -63,7 +63,7 @@ pub enum Flow {
 pub struct Instruction {
     /// Length in bytes, 2 or 4.
     pub size: u8,
-    /// What it costs.
+    /// Its cost.
     pub class: Class,
     /// Where it goes.
     pub flow: Flow,

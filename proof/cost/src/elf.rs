@@ -1,4 +1,4 @@
-//! What the profile needs of a program file: functions and the vector table.
+//! The parts of a program file that the profile needs: functions and the vector table.
 
 use object::{Endianness, Object, ObjectSection, ObjectSymbol, SymbolKind, read::elf::ElfFile32};
 

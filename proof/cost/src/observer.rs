@@ -1,10 +1,10 @@
-//! Who may observe the program as QEMU executes it.
+//! Observers of the program as QEMU executes it.
 
 use std::fs;
 
 use crate::{elf::Program, follow::Follower, profile::Profile, report};
 
-/// Is told of everything that is executed.
+/// Receives every executed instruction and memory access.
 pub(crate) trait Observer: Send {
     /// The instruction `code` at `address` will be executed under the number that is returned.
     fn site(&mut self, address: u32, code: [u16; 2]) -> usize;
@@ -24,7 +24,7 @@ pub(crate) fn value<'a>(arguments: &'a [String], key: &str) -> Result<&'a str, S
         .ok_or_else(|| format!("{key}=… is missing"))
 }
 
-/// Whom `arguments` ask for.
+/// The observer that the `arguments` select.
 pub(crate) fn asked_for(arguments: &[String]) -> Result<Box<dyn Observer>, String> {
     if value(arguments, "root").is_ok() {
         return Ok(Box::new(Follower::new(arguments)?));

@@ -1,13 +1,13 @@
 //! The interface to QEMU: TCG plugins, versions 1 (up to QEMU 8), 2 (9.0) and 3 (from 9.1 on; later versions add to it).
 //!
-//! QEMU looks at the version of a plugin when it has loaded it, and refuses one that is older than it allows or newer
-//! than it knows: no number suits all. So a constructor, which runs while the plugin is loaded, sets the number, by
-//! what the QEMU around it exports.
+//! QEMU reads the version of a plugin after loading it, and refuses a version outside of its own
+//! range: no number suits all. So a constructor, which runs while the plugin is loaded, sets the
+//! number, by what the QEMU around it exports.
 //!
-//! `-plugin libcost.so,elf=PROGRAM,out=REPORT.json` records the profile; what else there is to observe
-//! is said by further arguments, see [`observer`](crate::observer). QEMU calls in from its one
-//! processor thread, and once more when it exits; the report is written then, so it must be left to
-//! exit by itself.
+//! `-plugin libcost.so,elf=PROGRAM,out=REPORT.json` records the profile; what else there is to
+//! observe is said by further arguments, see [`observer`](crate::observer). QEMU calls in from its
+//! one processor thread, and once more at its exit, when the report is written: so QEMU must be
+//! left to exit by itself.
 #![expect(unsafe_code, reason = "QEMU is written in C")]
 
 use std::{
@@ -116,7 +116,7 @@ fn version(is_there: impl Fn(&CStr) -> bool) -> c_int {
         .map_or(1, |(version, _)| version)
 }
 
-/// Who observes, and where the report goes.
+/// The observer, and the path of the report.
 struct Session {
     observer: Box<dyn Observer>,
     out: PathBuf,
@@ -129,7 +129,7 @@ fn session() -> MutexGuard<'static, Option<Session>> {
     SESSION.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns the halves of an instruction, 0 for one that it does not have.
+/// Returns the halves of an instruction; the second half of a short instruction is 0.
 ///
 /// # Safety
 ///

@@ -1,4 +1,4 @@
-//! The profile: which function executed what, and what it cost.
+//! The profile: instructions and cycles of each function.
 
 mod entries;
 

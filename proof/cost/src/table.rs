@@ -25,13 +25,13 @@ pub const EXCEPTION_EXIT: u64 = 12;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[expect(clippy::struct_excessive_bools, reason = "four independent facts")]
 pub struct Circumstances {
-    /// It did not go on with the next instruction.
+    /// Another instruction than the next one followed.
     pub taken: bool,
-    /// It touched memory: a transfer that did not was skipped by its condition.
+    /// The instruction accessed memory: a transfer without an access was skipped by its condition.
     pub touched: bool,
-    /// It follows a load whose result is not part of its address.
+    /// The instruction follows a load whose result is not part of its address.
     pub follows_load: bool,
-    /// It follows a 16-bit instruction in memory.
+    /// The instruction follows a 16-bit instruction in memory.
     pub follows_short: bool,
 }
 

@@ -21,7 +21,7 @@ fn a_program_that_keeps_its_bounds_contradicts_nothing() {
 }
 
 #[test]
-fn a_loop_that_runs_more_often_than_its_comment_says_is_told_with_its_line() {
+fn a_loop_that_runs_more_often_than_its_comment_says_is_reported_with_its_line() {
     let Some(summary) = run(&PROGRAM.replace(BOUND, "wcet-bound: 1")) else {
         return;
     };

@@ -11,17 +11,18 @@ use crate::{
     Annotations, App, Cache, Clock, Config, Curve, Flaw, Image, Model, Place, Program, Report,
     Rule, Stream, Task, UndeadlinedWait, Window,
     calibration::Measured,
+    code_in_ram,
     crosscheck::Crosscheck,
-    edge, figures, findings, hidden,
+    figures, findings,
     model::OUTSTANDING_TRANSFER,
-    modes,
+    modes, pin_edge_jitter,
     registers::Registers,
-    requirements, resident,
+    requirements,
     response::{self, Blocking, Flash, Response},
     rta::{Demand, Load},
     sections, startup,
     system::{Row, System, misconfigured},
-    uncounted, worst_path,
+    tasks_without_deadline, unanalysed_code, worst_path,
 };
 
 /// Steps of the proven step rate, Hz.
@@ -31,7 +32,7 @@ const HIGHEST_RATE: u32 = 600_000;
 /// Points of the curve.
 const CURVE_POINTS: u32 = 24;
 
-/// What is to be analysed.
+/// The input of an analysis.
 #[derive(Debug, Clone)]
 pub struct Input<'a> {
     /// The program.
@@ -50,7 +51,7 @@ pub struct Input<'a> {
     pub step_rate_hz: Option<u32>,
     /// Baud rate of the table; without it, that of `schedule.toml`.
     pub baud: Option<u32>,
-    /// What was measured on a board.
+    /// The measurements of a board.
     pub measured: Option<Measured>,
 }
 
@@ -103,7 +104,7 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
     Ok(report)
 }
 
-/// What an analysis reads.
+/// The files that an analysis reads.
 pub(crate) struct Sources {
     /// The text of `config`.
     pub(crate) text: String,
@@ -186,12 +187,12 @@ impl<'a> Analysis<'a> {
         report.flaws.extend(registers.flaws());
         report
             .flaws
-            .extend(hidden::flaws(system.program, system.config));
+            .extend(unanalysed_code::flaws(system.program, system.config));
         report.flaws.extend(modes::flaws(system));
-        report.flaws.extend(resident::flaws(system.program));
+        report.flaws.extend(code_in_ram::flaws(system.program));
         let startup = startup::flaws(system.program, system.config);
         report.flaws.extend(startup);
-        uncounted::look(system, &named, report);
+        tasks_without_deadline::report_loops(system, &named, report);
         let mut is_bounded = true;
         for (index, row) in system.rows.iter().enumerate() {
             if row.times.is_some() {
@@ -307,8 +308,8 @@ impl<'a> Analysis<'a> {
         task
     }
 
-    /// How long those without deadlines wait: at the point of the table, at those that are required, and
-    /// at those that are proven.
+    /// How long tasks without deadlines wait: at the rate of the table, at all required rates and
+    /// at all proven rates.
     fn waits(&self, report: &Report) -> Result<Vec<UndeadlinedWait>, String> {
         let required = requirements::points(self.system.config, report.axes);
         let proven = report.proven_step_rate_hz.iter();
@@ -358,8 +359,8 @@ impl<'a> Analysis<'a> {
     /// Cost of the step task, and how far the edges of its pins may move.
     fn edges(&self, report: &mut Report) {
         let name = &self.system.config.table.step_task;
-        let rows = self.system.rows.iter().enumerate();
-        let Some((index, row)) = { rows }.find(|(_, row)| row.task.name == *name) else {
+        let mut rows = self.system.rows.iter().enumerate();
+        let Some((index, row)) = rows.find(|(_, row)| row.task.name == *name) else {
             let what = format!("there is no task `{name}`");
             report.flaws.push(misconfigured(
                 what,
@@ -376,7 +377,7 @@ impl<'a> Analysis<'a> {
             .iter()
             .filter(|it| it.holds(row.task.priority));
         let blocking = holding.map(|it| it.cycles).max().unwrap_or(0) + OUTSTANDING_TRANSFER;
-        let latencies = edge::latencies(&wcets, row.root).unwrap_or_default();
+        let latencies = pin_edge_jitter::latencies(&wcets, row.root).unwrap_or_default();
         let jitters = latencies
             .iter()
             .map(|it| blocking + it.latest - it.earliest);
@@ -445,7 +446,7 @@ impl<'a> Analysis<'a> {
     }
 }
 
-/// What a response time is computed from, for the report.
+/// The demand of a response time, for the report.
 fn window(demand: &Demand) -> Window {
     let stream = |load: &Load| Stream {
         period: load.arrival.period,
@@ -474,7 +475,7 @@ fn overload(utilisation: f64) -> Flaw {
     )
 }
 
-/// A task without a deadline must not hold up one that has one.
+/// A task without a deadline must not hold up a task with one.
 fn holds_up(system: &System<'_>, row: &Row) -> Option<Flaw> {
     let held = system
         .rows

@@ -6,8 +6,8 @@
 //! for axis in axes { … }
 //! ```
 //!
-//! A total with a name is one budget for all loops that give that name. Both may stand in one
-//! comment: `// wcet-bound: axes, wcet-total: segment_steps`.
+//! Loops whose totals have the same name share one budget. Both may stand in one comment: `//
+//! wcet-bound: axes, wcet-total: segment_steps`.
 //!
 //! A comment belongs to the loop beneath it or on its own line, or to the statement there: then to
 //! the loops of library functions that the statement calls. Instead of a number it may give a name

@@ -1,8 +1,9 @@
-//! How often loops run: what the source states, and what follows from constants.
+//! Loop bounds: stated in the source, or derived from constants.
 //!
 //! A loop of machine code belongs to the innermost loop of the source that holds the lines of all
-//! its own instructions. These are seen at one level of inlining, the innermost that all of them
-//! share: in the example the loop is that of `for`, whatever `next` and `body` consist of.
+//! its own instructions. The lines are compared at one level of inlining, the innermost level that
+//! all instructions share: in the example the loop is that of `for`, whatever `next` and `body`
+//! consist of.
 //!
 //! ```text
 //! instructions of the loop    outer function     inlined     inlined
@@ -11,8 +12,8 @@
 //!                             └── shared ───┘
 //! ```
 //!
-//! Where the shared level is a library's, the loop is one inside the library: the statement or the
-//! head of the loop that calls it must say how often it runs.
+//! Where the shared level is in a library, the loop is a library's: the calling statement, or the
+//! head of the calling loop, must state the bound.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -23,11 +24,12 @@ use crate::{
     Address, Annotations, Block, Bound, Count, Flaw, Frame, Function, Image, Instruction, Loop,
     Operation, Rule, Total,
     annotations::{SourceLoop, Stated},
-    count::{self, Runs},
-    flow::States,
+    busy_waits,
+    counted_loops::{self, Runs},
+    loops,
     model::RETRY,
+    value_analysis::States,
     values::Surroundings,
-    waits,
 };
 
 /// Gives the loops of `function` their lines and bounds.
@@ -60,13 +62,13 @@ pub(crate) fn find(
         {
             source = None;
         }
-        let runs = count::runs(around, &function.blocks, states, &function.loops[index]);
+        let runs = counted_loops::runs(around, &function.blocks, states, &function.loops[index]);
         let one = &function.loops[index];
         let stated = source.and_then(Source::bound);
-        // What ends it before its counter does is decided elsewhere: only the counter counts.
-        let looks = waits::looks_elsewhere(function, one);
+        // An earlier exit depends on another writer: only the counter bounds the loop.
+        let is_external = busy_waits::depends_on_external_state(function, one);
         let total = source.and_then(Source::of_activation);
-        if let Some(runs) = runs.filter(|runs| runs.is_exact || looks) {
+        if let Some(runs) = runs.filter(|runs| runs.is_exact || is_external) {
             let stated = stated.iter().chain(&total);
             let wrong: Vec<Flaw> = stated
                 .filter_map(|stated| wrong(around.image, function, one, stated, runs))
@@ -84,7 +86,7 @@ pub(crate) fn find(
         let one = &mut function.loops[index];
         one.counted = runs.map(|runs| runs.returns);
         one.bound = match counted {
-            Some(counted) if looks => Some(counted),
+            Some(counted) if is_external => Some(counted),
             counted => smaller(stated.or(retries), counted),
         };
         let blocks = &function.blocks;
@@ -178,7 +180,7 @@ fn is_retry(function: &Function, one: &Loop) -> bool {
                 Some(1 + u64::from(words))
             }
             Operation::Barrier => Some(4),
-            // The way back.
+            // The back edge.
             Operation::Jump(_) | Operation::JumpOnZero { .. } => Some(3),
             Operation::Divide { .. }
             | Operation::Float { .. }
@@ -192,7 +194,7 @@ fn is_retry(function: &Function, one: &Loop) -> bool {
     is_short && blocks().all(|block| block.call.is_none()) && stores_again(function, one)
 }
 
-/// Whether each way back to the head of a loop is that of an exclusive store that failed, behind an exclusive load.
+/// Whether each back edge of a loop belongs to a failed exclusive store after an exclusive load.
 fn stores_again(function: &Function, one: &Loop) -> bool {
     let loads = |block: &usize| {
         let mut instructions = function.blocks[*block].instructions.iter();
@@ -200,7 +202,7 @@ fn stores_again(function: &Function, one: &Loop) -> bool {
     };
     let loading: BTreeSet<usize> = one.blocks.iter().copied().filter(loads).collect();
     let mut loading = loading.iter();
-    loading.any(|block| waits::is_on_each_way(function, one, *block))
+    loading.any(|block| loops::is_on_every_path(function, one, &BTreeSet::from([*block])))
         && one.back.iter().all(|&back| {
             let instructions = &function.blocks[back].instructions;
             let mut result = None;
@@ -309,7 +311,7 @@ impl Source {
                 });
             }
             if let Some(source) = source {
-                // What has lost its own loop to unrolling may still hold one of a library.
+                // A loop that was unrolled may still contain a loop of a library.
                 let all = self::chains(image, instructions(function, own));
                 return Some(source).filter(|source| source.is_headed(&all, level));
             }
@@ -448,10 +450,10 @@ fn shared(chains: &[Vec<Frame>]) -> usize {
 /// How many closures a function is in, itself one.
 fn closures(name: &str) -> usize {
     let mut count = 0;
-    let mut rest = name;
-    while let Some(outer) = rest.strip_suffix("::{{closure}}") {
+    let mut outer_name = name;
+    while let Some(outer) = outer_name.strip_suffix("::{{closure}}") {
         count += 1;
-        rest = outer;
+        outer_name = outer;
     }
     count
 }

@@ -1,30 +1,30 @@
-//! What the rounds of loops that are bounded over a whole activation are counted against.
+//! Budgets: how often loops may run in a whole activation.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
-use crate::{Count, Function, Loop, Total};
+use crate::{Count, Function, Total};
 
 /// A loop: its function, its head; or with [`CALLS`] all calls of the function.
 pub(crate) type Place = (u32, usize);
 pub(crate) const CALLS: usize = usize::MAX;
 
-/// What the rounds of loops are counted against.
+/// The budget against which the iterations of a loop are counted.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Budget {
-    /// A number of its own.
+    /// The own total of a loop.
     Own(Place),
-    /// One for all loops that give this name.
+    /// The total that all loops with this name share.
     Named(String),
 }
 
-/// Rounds that are paid from a budget.
+/// Iterations that count against a budget.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Open {
-    /// How many.
+    /// Their number.
     pub(crate) times: u64,
-    /// What the dearest costs.
+    /// The cost of the most expensive one.
     pub(crate) cost: u64,
-    /// The loop of that round.
+    /// The loop of that iteration.
     pub(crate) place: Place,
 }
 
@@ -36,7 +36,7 @@ impl Open {
 
 pub(crate) type Budgets = BTreeMap<Budget, Open>;
 
-/// Adds rounds to a budget: the dearest counts, wherever.
+/// Adds iterations to a budget: only the most expensive counts, in whichever loop.
 pub(crate) fn add_open(open: &mut Budgets, budget: Budget, one: Open) {
     let known = open.entry(budget).or_insert(one);
     if one.cost > known.cost {
@@ -44,7 +44,7 @@ pub(crate) fn add_open(open: &mut Budgets, budget: Budget, one: Open) {
     }
 }
 
-/// What the rounds of a loop are counted against.
+/// Returns the budget of a loop.
 pub(crate) fn budget(function: &Function, head: usize) -> Budget {
     let mut loops = function.loops.iter().filter(|looped| looped.head == head);
     match loops.find_map(|looped| looped.total.as_ref()) {
@@ -54,26 +54,4 @@ pub(crate) fn budget(function: &Function, head: usize) -> Budget {
         }) => Budget::Named(name.clone()),
         _ => Budget::Own((function.address, head)),
     }
-}
-
-/// Whether each way round a loop leads through one of these blocks.
-pub(crate) fn is_on_each_way(
-    function: &Function,
-    looped: &Loop,
-    through: &BTreeSet<usize>,
-) -> bool {
-    let mut seen = BTreeSet::new();
-    let mut work = vec![looped.head];
-    while let Some(block) = work.pop() {
-        if through.contains(&block) || !seen.insert(block) {
-            continue;
-        }
-        let next = function.blocks[block].successors.iter().map(|edge| edge.to);
-        let inside: Vec<usize> = next.filter(|to| looped.blocks.contains(to)).collect();
-        if inside.contains(&looped.head) {
-            return false;
-        }
-        work.extend(inside);
-    }
-    true
 }

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fs, io::ErrorKind, path::Path};
 
 use serde::Deserialize;
 
-/// What was measured on a board.
+/// The measurements of a board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Measured {
     /// The file that says so, from the project's root.
@@ -42,7 +42,7 @@ impl Measured {
     ///
     /// # Errors
     ///
-    /// It is not in that form, or another board's.
+    /// The file has another form, or is another board's.
     pub fn read(text: &str, board: &str) -> Result<Self, String> {
         let file = file(board);
         let calibration: Calibration =

@@ -7,15 +7,15 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     Block, Image, Operation, Region,
-    flow::{self, Conduct, States},
     graph::Graph,
+    value_analysis::{self, FunctionSummary, States},
     values::{Callees, State, Surroundings, Value},
 };
 
-/// What is known of the values in every function.
+/// The results of the value analysis of every function.
 pub(crate) struct Calls {
     callees: Callees,
-    conduct: BTreeMap<u32, Conduct>,
+    summary: BTreeMap<u32, FunctionSummary>,
     states: BTreeMap<u32, States>,
 }
 
@@ -24,7 +24,7 @@ impl Calls {
     pub(crate) fn new(image: &Image, graphs: &BTreeMap<u32, Graph>) -> Self {
         let mut calls = Self {
             callees: Callees::default(),
-            conduct: BTreeMap::new(),
+            summary: BTreeMap::new(),
             states: BTreeMap::new(),
         };
         let free = free(image, graphs);
@@ -32,7 +32,7 @@ impl Calls {
         for &address in order.callers_first.iter().rev() {
             calls.learn(image, address, &graphs[&address].blocks);
         }
-        // What is found in statics, then with what is found in statics.
+        // Solve for the contents of statics, then again with these contents.
         calls.follow(image, graphs, &free, &order);
         calls.callees.statics = calls.statics(image, graphs);
         calls.follow(image, graphs, &free, &order);
@@ -53,7 +53,8 @@ impl Calls {
             let is_known = !free.contains(&address) && !order.cyclic.contains(&address);
             let entry = entries.remove(&address).filter(|_| is_known);
             let around = self.around(image, address);
-            let states = flow::solve(around, blocks, entry.unwrap_or_else(State::at_entry));
+            let states =
+                value_analysis::solve(around, blocks, entry.unwrap_or_else(State::at_entry));
             for (callee, state) in called(around, blocks, &states) {
                 let joined = match entries.get(&callee) {
                     Some(known) => known.join(&state),
@@ -78,7 +79,7 @@ impl Calls {
             let Some(states) = self.states(address) else {
                 continue;
             };
-            flow::visit(around, &graph.blocks, states, |state, instruction| {
+            value_analysis::visit(around, &graph.blocks, states, |state, instruction| {
                 for (word, value) in state.stored(instruction.operation) {
                     add(word, value);
                 }
@@ -99,32 +100,32 @@ impl Calls {
             callees: None,
             lowest_pointer: i32::MIN,
         };
-        let states = flow::solve(nothing, blocks, State::at_entry());
-        let lowest_pointer = Conduct::of(nothing, blocks, &states).lowest_pointer;
+        let states = value_analysis::solve(nothing, blocks, State::at_entry());
+        let lowest_pointer = FunctionSummary::of(nothing, blocks, &states).lowest_pointer;
         let around = Surroundings {
             image,
             callees: Some(&self.callees),
             lowest_pointer,
         };
-        let states = flow::solve(around, blocks, State::at_entry());
-        let conduct = Conduct::of(around, blocks, &states);
-        if conduct.writes_arguments {
+        let states = value_analysis::solve(around, blocks, State::at_entry());
+        let summary = FunctionSummary::of(around, blocks, &states);
+        if summary.writes_arguments {
             self.callees.write_arguments.insert(address);
         }
-        if conduct.result != Region::Unknown {
-            self.callees.results.insert(address, conduct.result);
+        if summary.result != Region::Unknown {
+            self.callees.results.insert(address, summary.result);
         }
-        self.callees.writes.insert(address, conduct.writes.clone());
-        self.conduct.insert(address, conduct);
+        self.callees.writes.insert(address, summary.writes.clone());
+        self.summary.insert(address, summary);
     }
 
-    /// What the function at `address` is followed through.
+    /// The surroundings of the function at `address`.
     pub(crate) fn around<'a>(&'a self, image: &'a Image, address: u32) -> Surroundings<'a> {
-        let conduct = self.conduct.get(&address);
+        let summary = self.summary.get(&address);
         Surroundings {
             image,
             callees: Some(&self.callees),
-            lowest_pointer: conduct.map_or(i32::MIN, |conduct| conduct.lowest_pointer),
+            lowest_pointer: summary.map_or(i32::MIN, |summary| summary.lowest_pointer),
         }
     }
 
@@ -152,7 +153,7 @@ fn called(around: Surroundings<'_>, blocks: &[Block], before: &States) -> Vec<(u
     found
 }
 
-/// Functions that may be entered with anything: handlers, and those that pointers lead to.
+/// Functions whose arguments are unknown: handlers, and targets of pointers.
 fn free(image: &Image, graphs: &BTreeMap<u32, Graph>) -> BTreeSet<u32> {
     let mut found: BTreeSet<u32> = image
         .words()
@@ -185,7 +186,7 @@ fn free(image: &Image, graphs: &BTreeMap<u32, Graph>) -> BTreeSet<u32> {
 struct Order {
     /// Each after all that call it.
     callers_first: Vec<u32>,
-    /// Functions that are called from one that comes after them.
+    /// Functions that a later function of the order calls.
     cyclic: BTreeSet<u32>,
 }
 

@@ -10,24 +10,24 @@ use crate::{Clock, Formula, formula::Names};
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// What the report must show, ...
+    /// The requirements on the report, ...
     pub require: Require,
     /// ... and what instead, where the program has a feature of that name.
     #[serde(default)]
     pub require_of: BTreeMap<String, Require>,
     /// Limits that are not times.
     pub limits: Limits,
-    /// What the table is for.
+    /// The point of the table.
     pub table: Table,
     /// Named numbers: loop bounds, and what they are made of.
     #[serde(default)]
     pub bounds: BTreeMap<String, Formula>,
     /// The tasks.
     pub task: BTreeMap<String, TaskConfig>,
-    /// What is excused, and why.
+    /// The exempt functions, with the reason.
     #[serde(default)]
     pub exempt: Vec<Exempt>,
-    /// Who may store to registers that the proof rests on.
+    /// Functions that may store to registers on which the proof rests.
     #[serde(default)]
     pub register: Vec<RegisterConfig>,
     /// Calls through pointers.
@@ -36,12 +36,12 @@ pub struct Config {
     /// Functions that are called at most so often in one activation.
     #[serde(default)]
     pub calls: BTreeMap<String, Formula>,
-    /// What may come instead of units of work.
+    /// Runs that replace units of work.
     pub substitution: Option<SubstitutionConfig>,
-    /// What is known of the numbers of this file.
+    /// The claims of the numbers of this file.
     #[serde(default)]
     pub figure: Vec<FigureConfig>,
-    /// What is asked of a replay.
+    /// The requirements on a replay.
     #[serde(default)]
     pub replay: Replay,
     /// The order of the initialisation.
@@ -50,19 +50,19 @@ pub struct Config {
     pub watchdog: Option<Watchdog>,
 }
 
-/// What the initialisation has to do in which order. Functions are named by the ends of their paths.
+/// The order of the initialisation. Functions are named by the ends of their paths.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Startup {
-    /// The function of the program that does it, with others in it.
+    /// The function of the program that contains the initialisation.
     pub function: String,
     /// Functions each of which must be over before the next begins.
     pub order: Vec<String>,
-    /// That which makes the outputs safe.
+    /// The function that makes the outputs safe.
     pub safe: String,
-    /// Those that may access peripherals before it is over.
+    /// Functions that may access peripherals before `safe` has ended.
     pub before: Vec<String>,
-    /// The same of functions that only some programs have, by the words which.
+    /// The same for functions that only some programs have, by a description of these programs.
     #[serde(default)]
     pub before_of: BTreeMap<String, Vec<String>>,
 }
@@ -85,7 +85,7 @@ pub struct Watchdog {
     pub uncounted: Vec<Uncounted>,
     /// Functions that such tasks call whose loops and whose time are left out.
     #[serde(default)]
-    pub apart: Vec<Exempt>,
+    pub excluded: Vec<Exempt>,
 }
 
 /// Loops that nothing counts.
@@ -94,7 +94,7 @@ pub struct Watchdog {
 pub struct Uncounted {
     /// The functions of the source that they are in: how their names end.
     pub functions: Vec<String>,
-    /// What ends them.
+    /// The reason why they end.
     pub reason: String,
 }
 
@@ -110,13 +110,13 @@ pub struct FeedExemption {
     pub only: Option<String>,
 }
 
-/// What some numbers of the file claim of the program, and how far that is known.
+/// The claim of some numbers of the file, and its evidence.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FigureConfig {
     /// The numbers, or tables of numbers: keys with dots between them.
     pub names: Vec<String>,
-    /// What they claim, a sentence.
+    /// The claim, a sentence.
     pub claim: String,
     /// How far that is known.
     pub known: Evidence,
@@ -138,11 +138,11 @@ pub enum Evidence {
     Replayed,
     /// A manual says so.
     Manual,
-    /// A limit that the analysis compares what it finds with.
+    /// A limit with which the analysis compares a result.
     Compared,
     /// Nothing checks it.
     Believed,
-    /// It claims nothing of the program: the proof shows that it is kept.
+    /// A promise and no claim about the program: the proof shows that it is kept.
     Promised,
 }
 
@@ -169,14 +169,14 @@ impl Evidence {
 pub struct SubstitutionConfig {
     /// The row: name of the task, and of the mode.
     pub row: String,
-    /// What the runs are called that come instead, ...
+    /// The name of the replacing runs, ...
     pub kind: String,
     /// ... and functions that are not called in them.
     #[serde(default)]
     pub excludes: Vec<String>,
     /// Units for which one run more may come.
     pub units: Formula,
-    /// Units that a window may have beside those that its runs are known to have.
+    /// Units that a window may have beyond the units of its whole runs.
     pub rounding: Formula,
     /// Runs of other tasks that come with each such run, ...
     #[serde(default)]
@@ -186,16 +186,16 @@ pub struct SubstitutionConfig {
     pub with_unit: BTreeMap<String, u64>,
 }
 
-/// What is asked of a replay.
+/// The requirements on a replay.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Replay {
     /// Least runs of all tasks with deadlines together.
     pub activations: u64,
-    /// What holds for each row that is long.
+    /// The requirement on each long row.
     pub long_rows: Option<LongRows>,
-    /// Most that the bound of a task, or of a row, may be above what is observed of it, each observed
-    /// cycle. A task stands for the longest of its rows.
+    /// The greatest allowed ratio of the bound of a task, or of a row, to the observed maximum. A
+    /// task stands for the longest of its rows.
     #[serde(default)]
     pub ratio: BTreeMap<String, f64>,
 }
@@ -206,11 +206,11 @@ pub struct Replay {
 pub struct LongRows {
     /// Rows whose bound with a warm cache is above this, cycles.
     pub above_cycles: u64,
-    /// Most that it may be above what is observed, each observed cycle.
+    /// The greatest allowed ratio of the bound to the observed maximum.
     pub ratio: f64,
 }
 
-/// What must be reached.
+/// A required result.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Require {
@@ -241,11 +241,11 @@ pub struct Limits {
     pub float_priority: Option<u8>,
     /// Bytes at the end of the stack that must not be touched.
     pub stack_guard_bytes: u64,
-    /// Step rate above which none is looked for, a second: what the queues of the program are made for.
+    /// Step rate above which no proof is tried, a second: what the queues of the program are made for.
     pub step_rate_hz: Option<u32>,
 }
 
-/// What the table is for, when nothing else is asked for.
+/// The default point of the table.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Table {
@@ -258,7 +258,7 @@ pub struct Table {
     pub step_rate_of: BTreeMap<String, u32>,
     /// Bits per second.
     pub baud: u32,
-    /// What the proof takes for granted, a sentence each.
+    /// The assumptions of the proof, a sentence each.
     #[serde(default)]
     pub assumptions: Vec<String>,
 }
@@ -282,7 +282,7 @@ pub struct TaskConfig {
     /// Its kinds of run.
     #[serde(default)]
     pub mode: BTreeMap<String, ModeConfig>,
-    /// Vectors apart from its own that call it.
+    /// Other vectors whose handlers call the task.
     #[serde(default)]
     pub vectors: Vec<String>,
 }
@@ -306,10 +306,10 @@ pub struct ModeConfig {
     pub group: Option<u64>,
     /// How long after it is due such a run may be released.
     pub jitter: Option<Formula>,
-    /// What its cost depends on.
+    /// The units on which its cost depends.
     pub units: Option<Units>,
-    /// Modes of the task whose runs come first: of this one, no run begins while one of them is
-    /// due, so it holds them up once.
+    /// Modes of the task with precedence: no run of this mode begins while a run of such a mode is
+    /// due, so each holds those runs up once.
     #[serde(default)]
     pub yields_to: Vec<String>,
     /// Modes of the task of which no run is due while such a run is: neither holds up the other.
@@ -341,7 +341,7 @@ pub struct Units {
 pub struct RegisterConfig {
     /// The first address, ...
     pub from: u32,
-    /// ... and the one behind the last.
+    /// ... and the end of the range.
     pub to: u32,
     /// Functions or files that store to them, also inlined: parts of their paths.
     pub by: Vec<String>,
@@ -362,7 +362,7 @@ pub struct Exempt {
     pub reason: String,
 }
 
-/// What a function may call through pointers: for the stack of tasks without a deadline.
+/// The callees of a function's pointers: for the stack of tasks without a deadline.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Pointer {
@@ -372,7 +372,7 @@ pub struct Pointer {
     pub calls: Vec<String>,
 }
 
-/// What formulas are computed for.
+/// The rates for which formulas are computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
     /// Pulses of all axes together, per second.
@@ -405,7 +405,7 @@ impl Config {
         self
     }
 
-    /// What the names in its formulas mean.
+    /// The values of the names in its formulas.
     pub fn names(&self, clock: &Clock, point: Point) -> Names<'_> {
         let formulas = self.bounds.iter();
         Names {
@@ -428,7 +428,7 @@ impl Config {
         self.evaluate(&self.names(clock, point))
     }
 
-    /// The named bounds where one of them is 0, and what is computed from it.
+    /// The named bounds with one of them set to 0, and the bounds computed from that one.
     ///
     /// # Errors
     ///
@@ -454,7 +454,9 @@ impl Config {
                 let mut words = text.split(|c: char| !c.is_alphanumeric() && c != '_');
                 words.any(|word| found.contains(word))
             };
-            let more: Vec<String> = { self.bounds.iter() }
+            let more: Vec<String> = self
+                .bounds
+                .iter()
                 .filter(|(name, formula)| !found.contains(*name) && names(formula))
                 .map(|(name, _)| name.clone())
                 .collect();

@@ -1,8 +1,9 @@
 //! Whether the binary is what the source says: vectors, priorities, ceilings.
 //!
-//! A task's handler must be in its vector, and in no other but those that `schedule.toml` gives it;
-//! the priority that is written for the vector must be the task's; sections must have the ceilings
-//! of resources. A vector that belongs to no task must not interrupt anything.
+//! A task's handler must be in its own vector and in the vectors that `schedule.toml` gives the
+//! task, and in no other; the priority that is written for the vector must be the task's; sections
+//! must have the ceilings of resources. A vector that belongs to no task must not interrupt
+//! anything.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -31,7 +32,7 @@ const PRIORITIES: std::ops::Range<u32> = 0xe000_e400..0xe000_e4f0;
 const SYSTEM_PRIORITIES: std::ops::Range<u32> = 0xe000_ed18..0xe000_ed24;
 const FIRST_SYSTEM: usize = 4;
 
-/// What is compared.
+/// The compared program, application and configuration.
 pub(crate) struct Crosscheck<'a> {
     pub(crate) image: &'a Image,
     pub(crate) functions: &'a Functions,
@@ -74,7 +75,7 @@ impl Crosscheck<'_> {
             }
             known.extend(slots);
         }
-        flaws.extend(self.strangers(&known));
+        flaws.extend(self.unowned_vectors(&known));
         flaws.extend(self.ceilings());
         flaws.extend(self.idle());
         flaws
@@ -87,7 +88,7 @@ impl Crosscheck<'_> {
         slots.map(|(slot, _)| slot).collect()
     }
 
-    /// The slots of a task: its own, and those of the vectors that call it.
+    /// The slots of a task: its own, and the slots of vectors whose handlers call the task.
     fn task_slots(&self, task: &AppTask, flaws: &mut Vec<Flaw>) -> BTreeSet<usize> {
         let more = self.config.task.get(&task.name);
         let more = more.map_or(&[][..], |config| config.vectors.as_slice());
@@ -172,7 +173,7 @@ impl Crosscheck<'_> {
     }
 
     /// Vectors that may interrupt and belong to no task.
-    fn strangers(&self, known: &BTreeSet<usize>) -> Vec<Flaw> {
+    fn unowned_vectors(&self, known: &BTreeSet<usize>) -> Vec<Flaw> {
         let default = self.image.symbol("DefaultHandler");
         let mut flaws = Vec::new();
         for (slot, vector) in self.image.vectors().iter().enumerate().skip(1) {
@@ -197,7 +198,7 @@ impl Crosscheck<'_> {
         });
         for (function, at, address, value) in stores.filter(|store| ENABLES.contains(&store.2)) {
             let first = FIRST_INTERRUPT + ((address - ENABLES.start) * 8) as usize;
-            // Those of a value that is not known are all bits.
+            // An unknown value may have all bits.
             let bits = value.unwrap_or(u32::MAX);
             for bit in (0..32).filter(|bit| bits >> bit & 1 != 0) {
                 let Some(handler) = self.image.vectors().get(first + bit) else {
@@ -231,9 +232,9 @@ impl Crosscheck<'_> {
     /// That `idle` is in `main`: what is exempt there is so until interrupts are on.
     fn idle(&self) -> Option<Flaw> {
         let mut functions = self.functions.values();
-        let is_apart = functions.any(|function| function.name.ends_with("::idle"));
+        let is_own_function = functions.any(|function| function.name.ends_with("::idle"));
         let idle = self.app.tasks.iter().find(|task| task.name == "idle")?;
-        (!is_apart && self.config.exemption("main").is_some()).then(|| {
+        (!is_own_function && self.config.exemption("main").is_some()).then(|| {
             let what = "the code of `idle` is in `main`, which is exempt".to_owned();
             let remedy = "Keep it apart: write `#[inline(never)]` at `idle`.";
             at(idle, mismatch(what, remedy))

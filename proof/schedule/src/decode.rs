@@ -75,10 +75,11 @@ pub const fn size(first: u16) -> u8 {
     if first >> 11 >= 0b11101 { 4 } else { 2 }
 }
 
-/// Decodes instructions that follow one another: what an `IT` says is remembered.
+/// Decodes consecutive instructions; the conditions of an `IT` are kept for the instructions after
+/// it.
 #[derive(Debug, Clone, Default)]
 pub struct Decoder {
-    /// Conditions that the last `IT` gives to the next instructions, the next one last.
+    /// Conditions of the last `IT` for the next instructions, in reverse order.
     conditions: Vec<u8>,
 }
 

@@ -1,7 +1,7 @@
 //! The numbers of `schedule.toml` that no analysis gives, and who keeps each of them.
 //!
-//! Every number there has one `[[figure]]`, which says what it claims and how far that is known. A
-//! number without one is a flaw, as is a `[[figure]]` of a number or a file that does not exist.
+//! Every number there has one `[[figure]]`, which states the claim and its evidence. A number
+//! without one is a flaw, as is a `[[figure]]` of a number or a file that does not exist.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -102,8 +102,8 @@ impl FigureConfig {
 
 /// Whether a name is that of a number, or of a table that the number is in.
 fn covers(name: &str, number: &str) -> bool {
-    let rest = number.strip_prefix(name);
-    rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    let suffix = number.strip_prefix(name);
+    suffix.is_some_and(|suffix| suffix.is_empty() || suffix.starts_with('.'))
 }
 
 #[cfg(test)]

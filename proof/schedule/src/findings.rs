@@ -1,13 +1,13 @@
-//! What stands in the way of a proof in the code: of tasks with deadlines, sections, stacks.
+//! Flaws of the code: of tasks with deadlines, sections, stacks.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    Block, Count, Extent, Flaw, Function, Place, Report, Rule, Section, Stack, cause, config,
+    Block, Count, Extent, Flaw, Function, Place, Report, Rule, Section, Stack, busy_waits, config,
+    library_flaws,
     sections::{Held, UNKNOWN_CEILING},
     stack::{self, Depths, FLOAT_FRAME_BYTES, FRAME_BYTES},
     system::{Row, System, misconfigured},
-    waits,
 };
 
 /// Flaws of the code that a row may run.
@@ -15,13 +15,13 @@ pub(crate) fn of_row(system: &System<'_>, row: &Row, named: &BTreeMap<String, u6
     let wcets = system.wcets(row, named);
     let reached = wcets.reach(row.root);
     let all = system.program.functions();
-    let mut flaws = cause::flaws(system.program, &reached);
+    let mut flaws = library_flaws::flaws(system.program, &reached);
     flaws.extend(exempt_calls(system, &reached));
-    let blocks = { reached.iter() }.filter_map(|at| all.get(at));
+    let blocks = reached.iter().filter_map(|at| all.get(at));
     flaws.extend(never_back(system, blocks.flat_map(|it| &it.blocks)));
     flaws.extend(float_above(system, row, &reached));
     for function in reached.iter().filter_map(|at| system.program.function(*at)) {
-        flaws.extend(waits::flaws(system.image, all, function, |_| true));
+        flaws.extend(busy_waits::flaws(system.image, all, function, |_| true));
         for looped in &function.loops {
             let bound = looped
                 .bound
@@ -123,17 +123,17 @@ pub(crate) fn of_sections(
     (sections, flaws)
 }
 
-/// What makes the time of a section's code unknown: instructions that wait, calls of pointers, what is not
-/// decoded, bounds that are wrong or are those of a loop that waits. A panic ends the machine.
+/// Reports code of a section whose time is unknown: waiting instructions, calls of pointers,
+/// undecoded instructions, wrong bounds and bounds of busy waits. A panic ends the machine.
 fn of_code_of_section(system: &System<'_>, section: &Held) -> Vec<Flaw> {
     let Some(own) = system.program.function(section.function) else {
         return Vec::new();
     };
     let is_own = |address: u32| {
         let mut blocks = section.blocks.iter().map(|block| &own.blocks[*block]);
-        // What is not decoded is behind a block that has no other end.
-        let is_behind = |block: &Block| block.traps && address == block.end();
-        blocks.any(|block| (block.start()..block.end()).contains(&address) || is_behind(block))
+        // An undecoded instruction follows a block without another end.
+        let is_after_trap = |block: &Block| block.traps && address == block.end();
+        blocks.any(|block| (block.start()..block.end()).contains(&address) || is_after_trap(block))
     };
     let is_of_time = |flaw: &Flaw| {
         let is_of_rule = matches!(
@@ -150,18 +150,18 @@ fn of_code_of_section(system: &System<'_>, section: &Held) -> Vec<Flaw> {
     };
     let mut functions = section.reached.clone();
     functions.insert(section.function);
-    let mut flaws = cause::flaws(system.program, &functions);
+    let mut flaws = library_flaws::flaws(system.program, &functions);
     flaws.retain(is_of_time);
     let all = system.program.functions();
-    for function in { section.reached.iter() }.filter_map(|at| all.get(at)) {
-        flaws.extend(waits::flaws(system.image, all, function, |_| true));
+    for function in section.reached.iter().filter_map(|at| all.get(at)) {
+        flaws.extend(busy_waits::flaws(system.image, all, function, |_| true));
     }
     let blocks = section.blocks.iter().map(|block| &own.blocks[*block]);
-    let called = { section.reached.iter() }.filter_map(|at| all.get(at));
+    let called = section.reached.iter().filter_map(|at| all.get(at));
     let blocks = blocks.chain(called.flat_map(|function| &function.blocks));
     flaws.extend(never_back(system, blocks));
     let is_in_section = |block: usize| section.blocks.contains(&block);
-    flaws.extend(waits::flaws(system.image, all, own, is_in_section));
+    flaws.extend(busy_waits::flaws(system.image, all, own, is_in_section));
     for flaw in &mut flaws {
         let place = system.image.place(section.address);
         let begin = place.frames.first().map_or("", String::as_str);
@@ -173,8 +173,8 @@ fn of_code_of_section(system: &System<'_>, section: &Held) -> Vec<Flaw> {
     flaws
 }
 
-/// A section that a task enters whose priority is above its ceiling: it does not keep that task from
-/// being interrupted by others that enter it.
+/// Reports a section that is entered by a task with a priority above the section's ceiling: such a
+/// task can be preempted in the section by another task that enters the section.
 fn entered_from_above(system: &System<'_>, section: &Held) -> Option<Flaw> {
     let ceiling = section.ceiling.filter(|it| *it != UNKNOWN_CEILING)?;
     let above = system.rows.iter().find(|row| {
@@ -195,7 +195,7 @@ fn entered_from_above(system: &System<'_>, section: &Held) -> Option<Flaw> {
 fn exempt_calls(system: &System<'_>, reached: &BTreeSet<u32>) -> Vec<Flaw> {
     let functions = reached.iter().filter_map(|at| system.program.function(*at));
     let blocks = functions.flat_map(|function| &function.blocks);
-    // What never returns ends the task, and the machine.
+    // A call that never returns ends the task, and the machine.
     let calls = blocks.filter(|block| !block.traps).filter_map(|block| {
         let at = block.instructions.last()?.address;
         Some((at, system.image.name(block.call?)))
@@ -315,7 +315,7 @@ pub(crate) fn of_stacks(system: &System<'_>, report: &mut Report) -> Vec<Flaw> {
     flaws
 }
 
-/// What RTIC runs first, with interrupts off until its end.
+/// The initialisation of RTIC, with interrupts off until its end.
 fn initialisation<'a>(system: &'a System<'_>) -> Option<&'a Function> {
     let mut functions = system.program.functions().values();
     functions.find(|it| config::is_named(&it.name, "main::__rtic_init_resources"))
@@ -333,7 +333,7 @@ fn overflow(report: &Report) -> Option<Flaw> {
     })
 }
 
-/// What functions may call through pointers, as `schedule.toml` says.
+/// The callees of pointers by function, from `schedule.toml`.
 pub(crate) fn pointers(system: &System<'_>) -> BTreeMap<u32, BTreeSet<u32>> {
     let functions = system.program.functions();
     let mut pointers = BTreeMap::new();

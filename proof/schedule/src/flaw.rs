@@ -1,8 +1,8 @@
-//! What stands in the way of a proof.
+//! Flaws: each prevents a proof.
 
 use serde::Serialize;
 
-/// What is wrong.
+/// The rule that a flaw breaks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Rule {
@@ -36,7 +36,7 @@ pub enum Rule {
     Register,
     /// A task with a deadline calls what is exempt.
     Exemption,
-    /// A way through a task is a way of none of its modes.
+    /// A path through a task belongs to none of its modes.
     Mode,
     /// A bound is stated for a loop that waits.
     Wait,
@@ -67,16 +67,16 @@ pub struct Place {
     pub frames: Vec<String>,
 }
 
-/// One thing that is wrong, where, and what to do.
+/// One flaw: description, place and remedy.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
 pub struct Flaw {
     /// Which rule it breaks.
     pub rule: Rule,
-    /// What is wrong, in one sentence.
+    /// The flaw in one sentence.
     pub what: String,
     /// Where.
     pub place: Place,
-    /// What to do about it.
+    /// The remedy.
     pub remedy: String,
 }
 

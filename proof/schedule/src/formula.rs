@@ -1,7 +1,7 @@
 //! Formulas of `schedule.toml`: times and counts from what the analysis is asked for.
 //!
-//! Times are core cycles, so a number with a unit is a number of cycles; rates are per second, so a
-//! time from a rate is `10s / baud` and a count from a rate is `step_rate * 2ms / 1s`.
+//! Times are core cycles: a number with a unit is a number of cycles. Rates are per second: a time
+//! from a rate is `10s / baud`, and a count from a rate is `step_rate * 2ms / 1s`.
 
 use std::{collections::BTreeMap, fmt};
 
@@ -27,7 +27,7 @@ impl fmt::Display for Formula {
     }
 }
 
-/// What names mean.
+/// The values of names.
 #[derive(Debug, Clone, Default)]
 pub struct Names<'a> {
     /// Names with a value.

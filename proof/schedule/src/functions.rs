@@ -1,16 +1,16 @@
-//! Functions from their graphs: loops, accesses, and what stands in the way of a bound.
+//! Functions from their graphs: loops, accesses, and flaws.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     Flaw, Function, Image, Instruction, Operation, Rule, Store,
-    flow::{self, States},
     graph::Graph,
-    loops, saved,
+    loops, restored_masks,
+    value_analysis::{self, States},
     values::{State, Surroundings},
 };
 
-/// What to do about a panic.
+/// The remedy for a panic.
 pub(crate) const PANIC_REMEDY: &str = "Write it so that the compiler sees that it cannot happen: \
     `get`, a mask, `wrapping_*` or an iterator instead of an index, `unwrap` or a division.";
 
@@ -86,8 +86,8 @@ pub(crate) fn describe(around: Surroundings<'_>, function: &mut Function, states
         stores,
         ..
     } = function;
-    *saved = saved::find(around, blocks, states);
-    flow::visit(around, blocks, states, |state, instruction| {
+    *saved = restored_masks::find(around, blocks, states);
+    value_analysis::visit(around, blocks, states, |state, instruction| {
         let at = instruction.address;
         if let Some((address, _)) = instruction.operation.access() {
             let value = state.address(address);
@@ -101,7 +101,7 @@ pub(crate) fn describe(around: Surroundings<'_>, function: &mut Function, states
     });
 }
 
-/// What is known of a store, if an instruction is one.
+/// Returns the store of an instruction, if it is one.
 fn store(state: &State, instruction: &Instruction) -> Option<Store> {
     let (address, bytes, value) = match instruction.operation {
         Operation::Store {

@@ -62,7 +62,8 @@ impl<'a> Graphs<'a> {
         returns
     }
 
-    /// The names of the functions that call one another, if `address` is among those being walked.
+    /// The names of the functions in a cycle of calls, if `address` is among the functions being
+    /// walked.
     fn cycle(&self, address: u32) -> Option<String> {
         let start = self.open.iter().position(|&open| open == address)?;
         let names = self.open[start..].iter().chain([&address]);
@@ -71,8 +72,8 @@ impl<'a> Graphs<'a> {
     }
 }
 
-/// Special registers by their numbers: what holds all interrupts back, those up to a priority, and
-/// the same if that raises the priority; all and the faults.
+/// Special registers by their numbers: the mask of all interrupts, the priority mask, the same
+/// where a write can only raise it, and the mask of interrupts and faults.
 pub(crate) const PRIMASK: u8 = 16;
 pub(crate) const BASEPRI: u8 = 17;
 pub(crate) const BASEPRI_MAX: u8 = 18;
@@ -113,7 +114,7 @@ struct Walk<'w, 'a> {
     instructions: BTreeMap<u32, Instruction>,
     leaders: BTreeSet<u32>,
     /// Where execution goes after those that end a block: address, and whether a branch is taken.
-    ways: HashMap<u32, Vec<(u32, bool)>>,
+    successors: HashMap<u32, Vec<(u32, bool)>>,
     calls: HashMap<u32, u32>,
     ends: BTreeSet<u32>,
     traps: BTreeSet<u32>,
@@ -136,7 +137,7 @@ impl<'w, 'a> Walk<'w, 'a> {
             end,
             instructions: BTreeMap::new(),
             leaders: BTreeSet::from([address]),
-            ways: HashMap::new(),
+            successors: HashMap::new(),
             calls: HashMap::new(),
             ends: BTreeSet::new(),
             traps: BTreeSet::new(),
@@ -209,28 +210,28 @@ impl<'w, 'a> Walk<'w, 'a> {
     fn follow(&mut self, instruction: &Instruction, decoder: &Decoder) -> bool {
         let address = instruction.address;
         let next = instruction.end();
-        let mut ways = Vec::new();
+        let mut successors = Vec::new();
         match instruction.operation {
-            Operation::Jump(to) if self.is_inside(to) => ways.push((to, true)),
+            Operation::Jump(to) if self.is_inside(to) => successors.push((to, true)),
             Operation::Jump(to) => self.leave(address, to),
-            Operation::JumpOnZero { to, .. } => ways.extend([(to, true), (next, false)]),
+            Operation::JumpOnZero { to, .. } => successors.extend([(to, true), (next, false)]),
             Operation::Call(to) => {
                 self.calls.insert(address, to);
                 if self.enter(address, to) || instruction.is_conditional() {
-                    ways.push((next, false));
+                    successors.push((next, false));
                 } else {
                     self.traps.insert(address);
                 }
             }
             Operation::CallRegister(_) => {
                 self.indirect(address, "calls a function whose address is computed");
-                ways.push((next, false));
+                successors.push((next, false));
             }
             Operation::TableJump {
                 base, entry_bytes, ..
             } => {
                 let targets = self.table(instruction, base, entry_bytes);
-                ways.extend(targets.into_iter().map(|to| (to, true)));
+                successors.extend(targets.into_iter().map(|to| (to, true)));
             }
             _ if instruction.is_return() => {
                 self.ends.insert(address);
@@ -250,12 +251,12 @@ impl<'w, 'a> Walk<'w, 'a> {
                 return false;
             }
         }
-        if instruction.is_conditional() && !ways.contains(&(next, false)) {
-            ways.push((next, false));
+        if instruction.is_conditional() && !successors.contains(&(next, false)) {
+            successors.push((next, false));
         }
-        for &(to, _) in &ways {
+        for &(to, _) in &successors {
             self.leaders.insert(to);
-            // What an `IT` says of the next instruction goes on with it.
+            // The conditions of an `IT` hold for the next instruction.
             let decoder = if to == next {
                 decoder.clone()
             } else {
@@ -263,7 +264,7 @@ impl<'w, 'a> Walk<'w, 'a> {
             };
             self.work.push((to, decoder));
         }
-        self.ways.insert(address, ways);
+        self.successors.insert(address, successors);
         true
     }
 
@@ -370,11 +371,11 @@ impl<'w, 'a> Walk<'w, 'a> {
     /// Makes sure that nobody comes to a jump by a table but past what makes the table's address.
     fn check_tables(&mut self) {
         for made in std::mem::take(&mut self.made) {
-            let enters = |(from, ways): (&u32, &Vec<(u32, bool)>)| {
+            let enters = |(from, successors): (&u32, &Vec<(u32, bool)>)| {
                 let past = |&(to, _): &(u32, bool)| made.contains(&to) && to != *made.start();
-                !made.contains(from) && ways.iter().any(past)
+                !made.contains(from) && successors.iter().any(past)
             };
-            if self.ways.iter().any(enters) {
+            if self.successors.iter().any(enters) {
                 self.unknown_table(*made.end());
             }
         }

@@ -1,7 +1,7 @@
 //! A program file: its memory, functions, vectors and source lines.
 //!
 //! Code that is executed from RAM is found at the address where it runs; [`Image::load_address`]
-//! tells where it comes from.
+//! gives its place in the file.
 
 mod lines;
 
@@ -35,7 +35,7 @@ impl fmt::Display for ImageError {
 
 impl Error for ImageError {}
 
-/// A function's place, as its symbol tells it.
+/// The place of a function, from its symbol.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Extent {
     /// Address of its first instruction.
@@ -47,7 +47,7 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// The address behind it.
+    /// The address after its end.
     pub const fn end(&self) -> u32 {
         self.address + self.size
     }
@@ -70,7 +70,7 @@ impl fmt::Display for Frame {
     }
 }
 
-/// What the file puts into memory.
+/// A part of memory that the file loads.
 #[derive(Debug, Clone)]
 struct Segment {
     address: u32,
@@ -326,7 +326,7 @@ impl Image {
         ranges
     }
 
-    /// Where code goes on behind the data at `address`.
+    /// Where code continues after the data at `address`.
     pub fn data_end(&self, address: u32) -> Option<u32> {
         let mut marks = self.marks.range(address..);
         marks.find(|&(_, &is_code)| is_code).map(|(&end, _)| end)

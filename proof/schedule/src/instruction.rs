@@ -29,7 +29,7 @@ pub enum Address {
 /// A register that an access moves on, and by how many bytes.
 pub type Writeback = (u8, i32);
 
-/// What an instruction does. Masks of registers have bit 0 = R0.
+/// The effect of an instruction. Masks of registers have bit 0 = R0.
 #[expect(missing_docs, reason = "the fields are named after what they are")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Operation {
@@ -49,7 +49,7 @@ pub enum Operation {
     Compare { left: u8, value: u32 },
     /// A comparison of two registers.
     CompareRegisters { left: u8, right: u8 },
-    /// Any other operation of one cycle, and the registers that it writes.
+    /// Any other operation of one cycle, with the written registers.
     Plain { writes: u16 },
     /// A multiplication; `added`: the register that is added to the product.
     Multiply { writes: u16, added: Option<u8> },
@@ -143,7 +143,7 @@ pub enum Operation {
 }
 
 impl Operation {
-    /// Where it accesses memory, and what it writes back.
+    /// The address of a memory access, and its writeback.
     pub const fn access(&self) -> Option<(Address, Option<Writeback>)> {
         match *self {
             Self::Load {
@@ -165,7 +165,8 @@ impl Operation {
         }
     }
 
-    /// The registers that it may write, those that a call does not keep among them.
+    /// The registers that an operation may write, including the registers that a call does not
+    /// preserve.
     pub fn writes(&self) -> u16 {
         let moved =
             |writeback: Option<Writeback>| writeback.map_or(0, |(register, _)| 1 << register);
@@ -210,7 +211,7 @@ pub struct Instruction {
     pub address: u32,
     /// Its length, 2 or 4 bytes.
     pub bytes: u8,
-    /// What it does.
+    /// Its effect.
     pub operation: Operation,
     /// Its condition as encoded; 14: always.
     pub condition: u8,
@@ -221,7 +222,7 @@ pub struct Instruction {
 }
 
 impl Instruction {
-    /// The address behind it.
+    /// The address after its end.
     pub const fn end(&self) -> u32 {
         self.address + self.bytes as u32
     }

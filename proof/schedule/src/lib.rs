@@ -1,8 +1,9 @@
 //! Worst-case execution and response times of an RTIC application, from its ELF file.
 //!
-//! The ELF is read into an image, decoded into functions of blocks, and each function's longest
-//! path found; with the priorities of the application and the times that are asked of its tasks,
-//! that gives a response time for each task. What cannot be bounded is a [`Flaw`], never a guess.
+//! The ELF is read into an image and decoded into functions of blocks, and the longest path of each
+//! function is found. The longest paths, the priorities of the application and the releases of its
+//! tasks give a response time for each task. Code without a bound is a [`Flaw`], never a guess.
+//! `proof/README.md` has the order of the analysis, module by module.
 #![forbid(unsafe_code)]
 #![allow(
     clippy::must_use_candidate,
@@ -13,45 +14,44 @@ mod analyse;
 mod annotations;
 mod bounds;
 mod budget;
+mod busy_waits;
 mod calibration;
 mod calls;
 #[cfg(test)]
 #[path = "../../../tests/support/cases.rs"]
 mod cases;
-mod cause;
+mod code_in_ram;
 mod config;
-mod count;
+mod counted_loops;
 mod crosscheck;
 pub mod decode;
-mod edge;
 mod figures;
 mod findings;
 mod flaw;
-mod flow;
 mod formula;
 mod functions;
 mod graph;
-mod hidden;
 mod image;
 mod instruction;
+mod library_flaws;
 mod loops;
 mod model;
 mod modes;
 mod paths;
 mod persistence;
 mod persistent_window;
-mod preempting;
+mod pin_edge_jitter;
+mod preempting_tasks;
 mod program;
 mod registers;
 pub mod replay;
 mod report;
 mod requirements;
-mod resident;
 mod response;
+mod restored_masks;
 mod row_demand;
 mod rta;
 mod rtic;
-mod saved;
 mod sections;
 mod source_files;
 mod stack;
@@ -59,11 +59,12 @@ mod startup;
 mod substitution;
 mod system;
 mod task_lines;
+mod tasks_without_deadline;
 #[cfg(test)]
 mod testing;
-mod uncounted;
+mod unanalysed_code;
+mod value_analysis;
 mod values;
-mod waits;
 mod wcet;
 mod worst_path;
 

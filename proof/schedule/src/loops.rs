@@ -1,7 +1,7 @@
 //! Natural loops of a function.
 //!
-//! A way back to a block that dominates where it comes from makes a loop; any other way back goes
-//! into the middle of one, and the loop cannot be bounded.
+//! An edge to a block that dominates its source is a back edge and makes a loop; any other edge
+//! back enters a loop in the middle, and such a loop cannot be bounded.
 
 use std::{
     cmp::Reverse,
@@ -15,7 +15,7 @@ use petgraph::{
     visit::{DfsEvent, depth_first_search},
 };
 
-use crate::{Block, Loop};
+use crate::{Block, Function, Loop};
 
 /// The loops of a function, and the blocks where loops are entered in their middle.
 pub(crate) struct Loops {
@@ -80,4 +80,26 @@ pub(crate) fn find(blocks: &[Block]) -> Loops {
         .natural
         .sort_by_key(|found| Reverse(found.blocks.len()));
     loops
+}
+
+/// Whether every iteration of a loop executes one of these blocks.
+pub(crate) fn is_on_every_path(
+    function: &Function,
+    looped: &Loop,
+    through: &BTreeSet<usize>,
+) -> bool {
+    let mut seen = BTreeSet::new();
+    let mut work = vec![looped.head];
+    while let Some(block) = work.pop() {
+        if through.contains(&block) || !seen.insert(block) {
+            continue;
+        }
+        let next = function.blocks[block].successors.iter().map(|edge| edge.to);
+        let inside: Vec<usize> = next.filter(|to| looped.blocks.contains(to)).collect();
+        if inside.contains(&looped.head) {
+            return false;
+        }
+        work.extend(inside);
+    }
+    true
 }

@@ -1,9 +1,10 @@
-//! What an instruction costs: the cycle table, the waits of the buses, the flash.
+//! The costs of instructions: the cycle table, the waits of the buses, the flash.
 //!
 //! Cycles: Cortex-M4 technical reference manual (DDI 0439) table 3-1, its ranges at their upper
 //! ends. Waits: what a bus adds to an access, RM0090 chapter 2. Flash: RM0090 chapter 3; without
-//! prefetch a miss costs the wait states. Nothing is credited that the manuals do not promise: no
-//! pipelined loads, no folded `IT`, no tail-chaining, full price for instructions that an `IT` skips.
+//! prefetch a miss costs the wait states. Only effects that the manuals promise are credited: no
+//! pipelined loads, no folded `IT`, no tail-chaining, and full price for instructions that an `IT`
+//! skips.
 
 use std::{collections::BTreeMap, str::FromStr};
 
@@ -13,8 +14,8 @@ use crate::{Address, Block, Instruction, Operation, Region};
 pub(crate) const LINE_BYTES: u32 = 16;
 /// Lines of the instruction cache, which replaces the one that was used least recently.
 pub(crate) const CACHE_LINES: usize = 64;
-/// Bytes that the processor may fetch behind what it executes: three words.
-const LOOK_AHEAD: u32 = 12;
+/// Bytes that the processor may fetch beyond the executed instruction: three words.
+const FETCHED_AHEAD: u32 = 12;
 /// Wait of a peripheral bus, core cycles for each division of its clock: the access is synchronised,
 /// and takes two of its cycles.
 const WAITS_PER_DIVISION: u64 = 3;
@@ -73,18 +74,18 @@ impl FromStr for Clock {
     }
 }
 
-/// What is assumed of the instruction cache.
+/// A model of the instruction cache.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Cache {
-    /// It holds every instruction.
+    /// Every access hits.
     Warm,
-    /// It is empty at first, and loses nothing in one activation.
+    /// The cache is empty at first, and evicts nothing in one activation.
     Cold,
-    /// It holds nothing but the line in use.
+    /// Only the line in use hits.
     Uncached,
     /// As [`Cache::Uncached`], but a loop whose code fits it misses each line once for each entry.
     Loops,
-    /// The same with what the code costs those that preempt it, whose lines it pushes out.
+    /// As [`Cache::Loops`], with the misses of the preempting tasks whose lines the code evicts.
     Shared,
 }
 
@@ -163,12 +164,12 @@ impl Model {
         self.table.get(class).copied().unwrap_or_default()
     }
 
-    /// What a miss of the instruction cache costs.
+    /// The cost of a miss of the instruction cache.
     pub fn miss(&self) -> u64 {
         self.of("flash_miss")
     }
 
-    /// What a taken branch costs.
+    /// The cost of a taken branch.
     pub fn refill(&self) -> u64 {
         self.of("refill")
     }
@@ -183,12 +184,12 @@ impl Model {
         self.of("entry")
     }
 
-    /// What a task pays that uses floating point, for what it preempts: saved and restored.
+    /// Cycles for lazy stacking of floating-point registers by a preemption: saved and restored.
     pub fn lazy_save(&self) -> u64 {
         2 * self.of("lazy_save")
     }
 
-    /// What a region adds to each access.
+    /// The waits that a region adds to each access.
     pub fn wait(&self, region: Region) -> u64 {
         match region {
             Region::Flash => self.of("flash_data"),
@@ -285,9 +286,9 @@ impl Model {
     }
 }
 
-/// Accesses that a load or store of one register makes: of what is at no multiple of its length, each part is one
-/// of its own. Nothing is known of the register that the address is made from: it is taken for such a multiple, which
-/// the replay checks.
+/// Returns the number of accesses by a load or store of one register: an unaligned access is split,
+/// and each part counts. Nothing is known of the register that the address is made from: it is
+/// taken for such a multiple, which the replay checks.
 pub(crate) fn accesses(instruction: &Instruction) -> u64 {
     let (Operation::Load {
         words: 1,
@@ -322,22 +323,22 @@ pub(crate) const fn accesses_at(bytes: u8, address: u32) -> u64 {
     }
 }
 
-/// The lines of a block, with those that may be fetched behind it.
+/// The lines of a block, with the lines that may be fetched beyond its end.
 pub fn lines(block: &Block) -> std::ops::RangeInclusive<u32> {
     let begin = block.instructions.first().map_or(0, |first| first.address);
     let end = block
         .instructions
         .last()
         .map_or(begin + 2, Instruction::end);
-    begin / LINE_BYTES..=(end - 1 + LOOK_AHEAD) / LINE_BYTES
+    begin / LINE_BYTES..=(end - 1 + FETCHED_AHEAD) / LINE_BYTES
 }
 
-/// Lines of `next` that have to be fetched when execution falls into it from `before`: those apart
-/// from the one in use and the one fetched ahead.
+/// Lines of `next` to be fetched when execution falls through from `before`: all but the line in
+/// use and the line fetched ahead.
 pub(crate) fn new_lines(before: &Block, next: &Block) -> u64 {
     let end = before.instructions.last().map_or(0, Instruction::end);
     let used =
-        (end.saturating_sub(1)) / LINE_BYTES..=(end.saturating_sub(1) + LOOK_AHEAD) / LINE_BYTES;
+        (end.saturating_sub(1)) / LINE_BYTES..=(end.saturating_sub(1) + FETCHED_AHEAD) / LINE_BYTES;
     lines(next).filter(|line| !used.contains(line)).count() as u64
 }
 

@@ -1,9 +1,9 @@
-//! Whether each way through a task is a way of one of its modes.
+//! Whether each path through a task belongs to one of its modes.
 //!
-//! A mode says which functions its runs do not call, and its time is that of the ways that are left.
-//! A way on which two functions are called that no mode has together would be in no time at all. So
-//! the functions that a way may call are followed through the task, a bit for each that a mode
-//! excludes; of the sets that are found, those that are part of another say nothing more.
+//! A mode lists the functions that its runs do not call, and its WCET covers the remaining paths. A
+//! path that calls two functions which no mode has together would be covered by no WCET. So the sets
+//! of functions that paths may call are followed through the task, a bit for each excluded function; a
+//! set that is part of another set is dropped.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,12 +13,12 @@ use crate::{
     wcet::Functions,
 };
 
-/// Functions that a way calls, a bit for each.
+/// Functions that a path calls, a bit for each.
 type Called = u64;
 /// Most functions that the modes of a task exclude together.
 const MOST: usize = 64;
 
-/// Ways through tasks that no mode has.
+/// Paths through tasks that no mode has.
 pub(crate) fn flaws(system: &System<'_>) -> Vec<Flaw> {
     let mut tasks: BTreeMap<&str, Vec<&Row>> = BTreeMap::new();
     for row in &system.rows {
@@ -33,7 +33,7 @@ pub(crate) fn flaws(system: &System<'_>) -> Vec<Flaw> {
 }
 
 fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
-    let exempt = { rows.iter() }.map(|row| row.excluded.clone());
+    let exempt = rows.iter().map(|row| row.excluded.clone());
     let exempt = exempt.reduce(|one, other| &one & &other)?;
     let tagged: BTreeSet<u32> = rows.iter().flat_map(|row| &row.excluded).copied().collect();
     let tagged: Vec<u32> = tagged.difference(&exempt).copied().collect();
@@ -50,7 +50,7 @@ fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
         let bits = bits.filter(|(_, function)| row.excluded.contains(function));
         bits.fold(0, |bits, (bit, _)| bits | 1 << bit)
     });
-    let mut ways = Ways {
+    let mut paths = CallPaths {
         functions: system.program.functions(),
         tagged: &tagged,
         excluded: excluded.collect(),
@@ -59,9 +59,9 @@ fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
         uncovered: None,
     };
     for root in rows[0].entries() {
-        ways.of(*root);
+        paths.of(*root);
     }
-    let (at, called) = ways.uncovered?;
+    let (at, called) = paths.uncovered?;
     let names = tagged.iter().enumerate();
     let names = names.filter(|(bit, _)| called >> bit & 1 == 1);
     let names: Vec<String> = names
@@ -79,21 +79,22 @@ fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
     ))
 }
 
-/// The ways through the functions of a task.
-struct Ways<'a> {
+/// The paths through the functions of a task.
+struct CallPaths<'a> {
     functions: &'a Functions,
     tagged: &'a [u32],
-    /// What each mode excludes.
+    /// The functions that each mode excludes.
     excluded: Vec<Called>,
     /// Functions that no mode calls.
     never: &'a BTreeSet<u32>,
     known: BTreeMap<u32, Vec<Called>>,
-    /// The first way found that no mode has: the instruction with which it is none, and what it calls.
+    /// The first path found that no mode covers: the instruction that calls the deciding function,
+    /// and the set of called functions.
     uncovered: Option<(u32, Called)>,
 }
 
-impl Ways<'_> {
-    /// What is called on the ways through a function, itself included.
+impl CallPaths<'_> {
+    /// The sets of functions that are called on the paths through a function, itself included.
     fn of(&mut self, address: u32) -> Vec<Called> {
         if let Some(known) = self.known.get(&address) {
             return known.clone();
@@ -115,20 +116,20 @@ impl Ways<'_> {
             let Some(block) = function.blocks.get(index) else {
                 continue;
             };
-            let mut behind = before[index].clone();
+            let mut after = before[index].clone();
             if let Some(call) = block.call.filter(|_| !block.traps) {
                 if self.never.contains(&call) {
                     continue;
                 }
                 let callee = self.of(call);
                 let at = block.instructions.last().map_or(0, |last| last.address);
-                behind = self.both(&behind, &callee, at);
+                after = self.both(&after, &callee, at);
             }
             if block.ends {
-                merge(&mut found, &behind);
+                merge(&mut found, &after);
             }
             for edge in &block.successors {
-                if merge(&mut before[edge.to], &behind) {
+                if merge(&mut before[edge.to], &after) {
                     work.insert(edge.to);
                 }
             }
@@ -137,7 +138,7 @@ impl Ways<'_> {
         found
     }
 
-    /// What is called on one of some ways and then on one of others.
+    /// The sets of functions called on a path of the first and then a path of the second kind.
     fn both(&mut self, first: &[Called], second: &[Called], at: u32) -> Vec<Called> {
         let mut found = Vec::new();
         for (one, other) in first
@@ -153,7 +154,7 @@ impl Ways<'_> {
         found
     }
 
-    /// Whether a mode has a way that calls these.
+    /// Whether a mode has a path that calls these functions.
     fn is_covered(&self, called: Called) -> bool {
         let mut excluded = self.excluded.iter();
         excluded.any(|excluded| called & excluded == 0)
@@ -189,7 +190,7 @@ mod tests {
         }
     }
 
-    /// What is called on no mode's way, where the modes exclude one of two functions each.
+    /// What is called on no mode's path, where the modes exclude one of two functions each.
     fn uncovered(shape: &[(u32, &[usize])], calls: &[(usize, u32)]) -> Option<Called> {
         let mut root = testing::function(shape);
         for &(block, callee) in calls {
@@ -199,7 +200,7 @@ mod tests {
         let functions = functions
             .map(|function| (function.address, function))
             .into();
-        let mut ways = Ways {
+        let mut paths = CallPaths {
             functions: &functions,
             tagged: &[FIRST, SECOND],
             excluded: vec![1, 2],
@@ -207,12 +208,12 @@ mod tests {
             known: BTreeMap::new(),
             uncovered: None,
         };
-        ways.of(0x0800_0000);
-        ways.uncovered.map(|(_, called)| called)
+        paths.of(0x0800_0000);
+        paths.uncovered.map(|(_, called)| called)
     }
 
     #[test]
-    fn two_ways_of_one_mode_each_are_covered_and_one_way_of_both_is_not() {
+    fn two_paths_of_one_mode_each_are_covered_and_one_path_of_both_is_not() {
         let fork: &[(u32, &[usize])] = &[(1, &[1, 2]), (1, &[3]), (1, &[3]), (1, &[])];
         assert_eq!(uncovered(fork, &[(1, FIRST), (2, SECOND)]), None);
         let through: &[(u32, &[usize])] = &[(1, &[1, 2]), (1, &[2]), (1, &[3]), (1, &[])];

@@ -1,36 +1,38 @@
 //! The longest path through a function whose loops have bounds.
 //!
-//! A reducible graph without its back edges has no circle, and a loop adds its longest way round
-//! for each of the rounds that its bound allows. Time is linear in the size of the graph, so
-//! functions of thousands of blocks take no time; a test compares with the enumeration of all paths.
+//! Without its back edges, a reducible graph is acyclic, and its longest path is found block by block
+//! in topological order. Each loop adds its longest iteration as often as its bound allows; inner loops
+//! are solved first. Time is linear in the size of the graph; a test compares the result with the
+//! enumeration of all paths.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A graph with costs: what the longest path is looked for in.
+/// A graph with costs.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Graph {
     /// Cost of each block.
     pub(crate) costs: Vec<u64>,
-    /// Successors of each block with the cost of the way there.
+    /// Successors of each block with the cost of the edge.
     pub(crate) edges: Vec<Vec<(usize, u64)>>,
     /// Blocks where a path may end.
     pub(crate) ends: Vec<bool>,
     /// Loops, the inner before the outer.
-    pub(crate) rounds: Vec<Rounds>,
+    pub(crate) loops: Vec<LoopPaths>,
 }
 
 /// A loop of a graph.
 #[derive(Debug, Clone)]
-pub(crate) struct Rounds {
+pub(crate) struct LoopPaths {
     pub(crate) head: usize,
     /// Whether each block belongs to it.
     pub(crate) blocks: Vec<bool>,
-    /// Rounds for each entry; `None`: they are counted by whoever asks for [`Longest::rounds`].
+    /// Iterations for each entry; `None`: the caller counts [`Longest::iterations`].
     pub(crate) most: Option<u64>,
-    /// Rounds in all, when they are not counted for each entry.
+    /// Iterations in all, when they are not counted for each entry.
     pub(crate) total: Option<u64>,
-    /// Blocks that are executed once in a round, and not without: with rounds counted in all, they
-    /// cost nothing where the loop is entered. The head is one when each arrival is a round.
+    /// Blocks that are executed exactly once in an iteration: with iterations counted in all, such
+    /// blocks cost nothing where the loop is entered. The head is one of them when each arrival at
+    /// the head counts as an iteration.
     pub(crate) in_runs: BTreeSet<usize>,
 }
 
@@ -40,26 +42,26 @@ pub(crate) struct Longest {
     pub(crate) cost: u64,
     /// How often each block is on it.
     pub(crate) counts: Vec<u64>,
-    /// The loops without a number of rounds: head, cost of the longest round, its blocks' counts.
-    pub(crate) rounds: BTreeMap<usize, (u64, Vec<u64>)>,
+    /// The loops counted by the caller: head, cost of the longest iteration, counts of its blocks.
+    pub(crate) iterations: BTreeMap<usize, (u64, Vec<u64>)>,
 }
 
-/// What is known of the loops looked at so far.
+/// The loops solved so far.
 struct Found {
     /// By their heads.
-    rounds: BTreeMap<usize, Round>,
-    /// Blocks that are charged with the rounds of their loop only.
+    iterations: BTreeMap<usize, LongestIteration>,
+    /// Blocks that are charged with the iterations of their loop only.
     is_free: Vec<bool>,
 }
 
-/// The longest way round a loop.
-struct Round {
+/// The longest iteration of a loop.
+struct LongestIteration {
     cost: u64,
     /// Its blocks, the head first.
     path: Vec<usize>,
     most: u64,
-    /// Blocks of it are charged here only.
-    is_apart: bool,
+    /// Whether some of its blocks are charged here only.
+    counts_in_runs: bool,
 }
 
 impl Graph {
@@ -69,44 +71,44 @@ impl Graph {
     }
 
     /// The longest path from a block; `None` when no end can be reached, or the path begins amid a
-    /// loop, whose bound does not count the rounds from there.
+    /// loop, whose bound does not count the iterations from there.
     pub(crate) fn longest_from(&self, source: usize) -> Option<Longest> {
-        if source != 0 && self.rounds.iter().any(|rounds| rounds.blocks[source]) {
+        if source != 0 && self.loops.iter().any(|looped| looped.blocks[source]) {
             return None;
         }
         let order = self.order(source);
         let mut found = Found {
-            rounds: BTreeMap::new(),
+            iterations: BTreeMap::new(),
             is_free: vec![false; self.costs.len()],
         };
-        for rounds in &self.rounds {
-            let way = self.ways(&order, rounds.head, Some(&rounds.blocks), &found);
-            let round = self.round(rounds, &way);
-            found.rounds.insert(rounds.head, round);
-            let is_all = rounds.in_runs.contains(&rounds.head);
+        for looped in &self.loops {
+            let paths = self.path_costs(&order, looped.head, Some(&looped.blocks), &found);
+            let iteration = self.longest_iteration(looped, &paths);
+            found.iterations.insert(looped.head, iteration);
+            let is_all = looped.in_runs.contains(&looped.head);
             for (block, is_free) in found.is_free.iter_mut().enumerate() {
-                *is_free |= rounds.in_runs.contains(&block) || is_all && rounds.blocks[block];
+                *is_free |= looped.in_runs.contains(&block) || is_all && looped.blocks[block];
             }
         }
-        let ways = self.ways(&order, source, None, &found);
+        let paths = self.path_costs(&order, source, None, &found);
         let end = (0..self.costs.len())
             .filter(|block| self.ends[*block])
-            .filter_map(|block| ways[block].map(|(cost, _)| (cost, block)))
+            .filter_map(|block| paths[block].map(|(cost, _)| (cost, block)))
             .max()?;
         let mut counts = vec![0; self.costs.len()];
-        let path = back(&ways, end.1);
+        let path = back(&paths, end.1);
         expand(&mut counts, &found, &path, 1, None);
-        let open = self.rounds.iter().filter(|rounds| rounds.most.is_none());
-        let rounds = open.filter_map(|rounds| {
-            let round = found.rounds.get(&rounds.head)?;
+        let open = self.loops.iter().filter(|looped| looped.most.is_none());
+        let iterations = open.filter_map(|looped| {
+            let iteration = found.iterations.get(&looped.head)?;
             let mut counts = vec![0; self.costs.len()];
-            expand(&mut counts, &found, &round.path, 1, Some(rounds.head));
-            Some((rounds.head, (round.cost, counts)))
+            expand(&mut counts, &found, &iteration.path, 1, Some(looped.head));
+            Some((looped.head, (iteration.cost, counts)))
         });
         Some(Longest {
             cost: end.0,
             counts,
-            rounds: rounds.collect(),
+            iterations: iterations.collect(),
         })
     }
 
@@ -131,22 +133,22 @@ impl Graph {
         order
     }
 
-    /// The longest way to each block from `start`, its own costs included, without back edges, and
+    /// The longest path to each block from `start`, its own costs included, without back edges, and
     /// the block before. Only through blocks that `within` names.
-    fn ways(
+    fn path_costs(
         &self,
         order: &[usize],
         start: usize,
         within: Option<&Vec<bool>>,
         found: &Found,
     ) -> Vec<Option<(u64, usize)>> {
-        let mut ways: Vec<Option<(u64, usize)>> = vec![None; self.costs.len()];
+        let mut paths: Vec<Option<(u64, usize)>> = vec![None; self.costs.len()];
         let is_inside = |block: usize| within.is_none_or(|within| within[block]);
-        // The rounds of a loop that is itself looked at are not part of a way round it.
+        // The iterations of the loop being solved are no part of one iteration.
         let extra = |block: usize| {
             let is_own = within.is_some() && block == start;
-            let round = found.rounds.get(&block).filter(|_| !is_own);
-            round.map_or(0, |round| round.most * round.cost)
+            let iteration = found.iterations.get(&block).filter(|_| !is_own);
+            iteration.map_or(0, |iteration| iteration.most * iteration.cost)
         };
         let cost = |block: usize| {
             if found.is_free[block] {
@@ -155,9 +157,9 @@ impl Graph {
                 self.costs[block] + extra(block)
             }
         };
-        ways[start] = Some((cost(start), start));
+        paths[start] = Some((cost(start), start));
         for &block in order {
-            let Some((way, _)) = ways[block] else {
+            let Some((so_far, _)) = paths[block] else {
                 continue;
             };
             for &(to, edge) in &self.edges[block] {
@@ -165,52 +167,56 @@ impl Graph {
                     continue;
                 }
                 let is_free = found.is_free[block] && found.is_free[to];
-                let new = way + if is_free { 0 } else { edge } + cost(to);
-                if ways[to].is_none_or(|(old, _)| old < new) {
-                    ways[to] = Some((new, block));
+                let new = so_far + if is_free { 0 } else { edge } + cost(to);
+                if paths[to].is_none_or(|(old, _)| old < new) {
+                    paths[to] = Some((new, block));
                 }
             }
         }
-        ways
+        paths
     }
 
     /// Whether an edge closes a loop.
     fn is_back(&self, from: usize, to: usize) -> bool {
-        let loops = &mut self.rounds.iter();
-        loops.any(|rounds| rounds.head == to && rounds.blocks[from])
+        let mut loops = self.loops.iter();
+        loops.any(|looped| looped.head == to && looped.blocks[from])
     }
 
-    fn round(&self, rounds: &Rounds, ways: &[Option<(u64, usize)>]) -> Round {
-        let blocks = (0..self.costs.len()).filter(|block| rounds.blocks[*block]);
+    fn longest_iteration(
+        &self,
+        looped: &LoopPaths,
+        paths: &[Option<(u64, usize)>],
+    ) -> LongestIteration {
+        let blocks = (0..self.costs.len()).filter(|block| looped.blocks[*block]);
         let mut longest = blocks
             .clone()
             .flat_map(|block| self.edges[block].iter().map(move |edge| (block, edge)))
-            .filter(|(_, (to, _))| *to == rounds.head)
-            .filter_map(|(block, (_, cost))| ways[block].map(|(way, _)| (way + cost, block)))
+            .filter(|(_, (to, _))| *to == looped.head)
+            .filter_map(|(block, (_, cost))| paths[block].map(|(path, _)| (path + cost, block)))
             .max();
-        if !rounds.in_runs.is_empty() {
+        if !looped.in_runs.is_empty() {
             let leaves = |block: &usize| {
                 let mut edges = self.edges[*block].iter();
-                self.ends[*block] || edges.any(|(to, _)| !rounds.blocks[*to])
+                self.ends[*block] || edges.any(|(to, _)| !looped.blocks[*to])
             };
             let last = blocks.filter(leaves);
-            let last = last.filter_map(|block| ways[block].map(|(way, _)| (way, block)));
+            let last = last.filter_map(|block| paths[block].map(|(path, _)| (path, block)));
             longest = longest.max(last.max());
         }
-        Round {
+        LongestIteration {
             cost: longest.map_or(0, |(cost, _)| cost),
-            path: longest.map_or_else(Vec::new, |(_, block)| back(ways, block)),
-            most: rounds.most.unwrap_or(0),
-            is_apart: !rounds.in_runs.is_empty(),
+            path: longest.map_or_else(Vec::new, |(_, block)| back(paths, block)),
+            most: looped.most.unwrap_or(0),
+            counts_in_runs: !looped.in_runs.is_empty(),
         }
     }
 }
 
-/// The blocks of the longest way to `end`.
-fn back(ways: &[Option<(u64, usize)>], end: usize) -> Vec<usize> {
+/// The blocks of the longest path to `end`.
+fn back(paths: &[Option<(u64, usize)>], end: usize) -> Vec<usize> {
     let mut path = vec![end];
     let mut block = end;
-    while let Some((_, before)) = ways[block].filter(|(_, before)| *before != block) {
+    while let Some((_, before)) = paths[block].filter(|(_, before)| *before != block) {
         path.push(before);
         block = before;
     }
@@ -218,16 +224,22 @@ fn back(ways: &[Option<(u64, usize)>], end: usize) -> Vec<usize> {
     path
 }
 
-/// Counts the blocks of a path, those of the rounds on it too, but for those of the loop `own`.
+/// Counts the blocks of a path with the iterations of its loops, except the loop `own`.
 fn expand(counts: &mut [u64], found: &Found, path: &[usize], times: u64, own: Option<usize>) {
-    let own_round = own.and_then(|own| found.rounds.get(&own));
-    let is_apart = own_round.is_some_and(|round| round.is_apart);
-    let is_counted = |block: &&usize| is_apart || !found.is_free[**block];
+    let own_iteration = own.and_then(|own| found.iterations.get(&own));
+    let counts_in_runs = own_iteration.is_some_and(|iteration| iteration.counts_in_runs);
+    let is_counted = |block: &&usize| counts_in_runs || !found.is_free[**block];
     for block in path.iter().filter(is_counted) {
         counts[*block] += times;
-        let round = found.rounds.get(block).filter(|_| own != Some(*block));
-        if let Some(round) = round.filter(|round| round.most > 0) {
-            expand(counts, found, &round.path, times * round.most, Some(*block));
+        let iteration = found.iterations.get(block).filter(|_| own != Some(*block));
+        if let Some(iteration) = iteration.filter(|iteration| iteration.most > 0) {
+            expand(
+                counts,
+                found,
+                &iteration.path,
+                times * iteration.most,
+                Some(*block),
+            );
         }
     }
 }
@@ -265,7 +277,7 @@ mod tests {
             self.costs.len() - 1
         }
 
-        /// Adds code behind a block; the block where it ends.
+        /// Adds code after a block; returns the block where the code ends.
         fn append(&mut self, from: usize, code: &Code) -> usize {
             match code {
                 Code::Step(cost) => {
@@ -290,10 +302,10 @@ mod tests {
                     let last = self.append(head, body);
                     self.edges[last].push((head, 3));
                     let blocks = head..self.costs.len();
-                    let rounds = (0..1000).map(|block| blocks.contains(&block));
-                    self.rounds.push(Rounds {
+                    let inside = (0..1000).map(|block| blocks.contains(&block));
+                    self.loops.push(LoopPaths {
                         head,
-                        blocks: rounds.collect(),
+                        blocks: inside.collect(),
                         most: Some(*most),
                         total: None,
                         in_runs: BTreeSet::new(),
@@ -317,12 +329,12 @@ mod tests {
         fn enumerate(&self, block: usize, left: &BTreeMap<usize, u64>, cost: u64) -> u64 {
             let cost = cost + self.costs[block];
             let mut worst = if self.ends[block] { cost } else { 0 };
-            for (to, way) in &self.edges[block] {
+            for (to, edge) in &self.edges[block] {
                 let mut left = left.clone();
-                if let Some(rounds) = self.rounds.iter().find(|rounds| rounds.head == *to) {
-                    let most = rounds.most.unwrap();
+                if let Some(looped) = self.loops.iter().find(|looped| looped.head == *to) {
+                    let most = looped.most.unwrap();
                     let left = left.entry(*to).or_insert(most);
-                    if !rounds.blocks[block] {
+                    if !looped.blocks[block] {
                         *left = most;
                     } else if *left == 0 {
                         continue;
@@ -330,14 +342,14 @@ mod tests {
                         *left -= 1;
                     }
                 }
-                worst = worst.max(self.enumerate(*to, &left, cost + way));
+                worst = worst.max(self.enumerate(*to, &left, cost + edge));
             }
             worst
         }
 
         /// Few enough paths to go along each.
         fn is_small(&self) -> bool {
-            self.rounds.len() <= 3 && self.costs.len() <= 16
+            self.loops.len() <= 3 && self.costs.len() <= 16
         }
     }
 
@@ -363,12 +375,12 @@ mod tests {
         assert_eq!(graph.longest_from(2), None);
     }
 
-    fn rounds(head: usize, blocks: &[usize], most: Option<u64>, size: usize) -> Rounds {
+    fn looped(head: usize, blocks: &[usize], most: Option<u64>, size: usize) -> LoopPaths {
         let mut is_in = vec![false; size];
         for block in blocks {
             is_in[*block] = true;
         }
-        Rounds {
+        LoopPaths {
             head,
             blocks: is_in,
             most,
@@ -388,14 +400,14 @@ mod tests {
                 vec![],
             ],
             ends: vec![false, false, false, true],
-            rounds: vec![rounds(2, &[2], inner, 4), rounds(1, &[1, 2], Some(5), 4)],
+            loops: vec![looped(2, &[2], inner, 4), looped(1, &[1, 2], Some(5), 4)],
         }
     }
 
     #[test]
     fn loops_within_loops_multiply() {
         let longest = nested(Some(4)).longest().unwrap();
-        // Five rounds of 10 + 3 + 100 + 4 * 103 + 3, and once more 10.
+        // Five iterations of 10 + 3 + 100 + 4 * 103 + 3, and once more 10.
         assert_eq!(
             longest.cost,
             1 + 10 + 5 * (10 + 3 + 100 + 4 * 103 + 3) + 1000
@@ -404,22 +416,22 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_without_a_number_is_told_apart() {
+    fn a_loop_without_a_number_is_distinguished() {
         let longest = nested(None).longest().unwrap();
         assert_eq!(longest.cost, 1 + 10 + 5 * (10 + 3 + 100 + 3) + 1000);
-        assert_eq!(longest.rounds[&2], (103, vec![0, 0, 1, 0]));
+        assert_eq!(longest.iterations[&2], (103, vec![0, 0, 1, 0]));
     }
 
     #[test]
     fn passes_count_the_arrivals_too() {
         let mut graph = nested(None);
-        graph.rounds[0].in_runs = BTreeSet::from([2]);
-        graph.rounds[0].total = Some(7);
+        graph.loops[0].in_runs = BTreeSet::from([2]);
+        graph.loops[0].total = Some(7);
         let longest = graph.longest().unwrap();
-        // The inner loop costs nothing on the way: only the edges into it and out of it.
+        // The inner loop costs nothing on the path: only the edges into it and out of it.
         assert_eq!(longest.cost, 1 + 10 + 5 * (10 + 3 + 3) + 1000);
         assert_eq!(longest.counts, [1, 6, 0, 1]);
-        assert_eq!(longest.rounds[&2], (103, vec![0, 0, 1, 0]));
+        assert_eq!(longest.iterations[&2], (103, vec![0, 0, 1, 0]));
     }
 
     #[test]
@@ -436,20 +448,20 @@ mod tests {
                 vec![],
             ],
             ends: vec![false, false, false, false, false, true],
-            rounds: vec![
-                rounds(2, &[2, 3], None, 6),
-                rounds(1, &[1, 2, 3, 4], Some(4), 6),
+            loops: vec![
+                looped(2, &[2, 3], None, 6),
+                looped(1, &[1, 2, 3, 4], Some(4), 6),
             ],
         };
-        graph.rounds[0].total = Some(7);
-        graph.rounds[0].in_runs = BTreeSet::from([3]);
+        graph.loops[0].total = Some(7);
+        graph.loops[0].in_runs = BTreeSet::from([3]);
         let longest = graph.longest().unwrap();
         assert_eq!(longest.cost, 1 + 5 * (10 + 100 + 10_000));
-        assert_eq!(longest.rounds[&2].0, 100 + 1000 + 3);
+        assert_eq!(longest.iterations[&2].0, 100 + 1000 + 3);
     }
 
     #[test]
-    fn without_a_way_out_there_is_no_path() {
+    fn a_loop_without_an_exit_has_no_path() {
         let mut graph = nested(Some(1));
         graph.ends[3] = false;
         assert_eq!(graph.longest(), None);

@@ -1,27 +1,28 @@
 //! Persistent loops, whose code stays in the instruction cache although not all of the task's code
 //! does, and the cache-related preemption delay (CRPD) of the rest of its code.
 //!
-//! While a loop runs, nothing but its own lines and those of the tasks that preempt it are used. If
-//! all of them together fit the cache, none is evicted before the loop is left, whatever order
-//! they are used in: each is missed at most once.
+//! While a loop runs, only the lines of the loop and of the tasks that preempt it are used. If all of
+//! these lines fit the cache together, none is evicted before the loop is left, in whatever order they
+//! are used: each line is missed once at most.
 //!
-//! The rest of the code goes from line to line, and so evicts those of the preempting tasks now and
-//! then. Cut it into *stretches*, each of which uses as many different lines as the cache
-//! holds beside those of these tasks: then in a stretch, too, each of theirs is missed at most once.
-//! All but the last of the stretches before a visit of a loop, or before the end, fetch that many
-//! lines: so a visit ends one, and each line that is fetched has its share in another.
+//! The rest of the code proceeds from line to line, and so evicts lines of the preempting tasks now
+//! and then. Divide such code into *stretches*, each of which uses as many different lines as the cache
+//! holds besides the lines of the preempting tasks: in a stretch, too, each of the preempting tasks'
+//! lines is missed once at most. Every stretch but the last before a visit of a loop, or before the
+//! end, fetches as many lines. So a visit pays for the stretch that it ends, and each fetched line
+//! pays its share of another stretch.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{Block, Count, Function, Loop, Operation, model::CACHE_LINES, wcet::Wcets};
 
-/// Rounds that a loop is taken to have whose bound varies with the step rate.
-const VARIED_ROUNDS: u64 = 100;
+/// Assumed iterations of a loop whose bound varies with the step rate.
+const VARIED_ITERATIONS: u64 = 100;
 
 /// Lines that are in use where a stretch begins: an interrupted instruction goes on in them.
 const IN_USE: usize = 2;
 
-/// What code costs the preempting tasks, where their lines are fetched once in each stretch.
+/// The share by which code pays for the preempting tasks' lines, fetched once in each stretch.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Share {
     /// Cycles for each line that is fetched outside of visits.
@@ -31,19 +32,19 @@ pub(crate) struct Share {
 }
 
 impl Share {
-    /// For warm tasks that have so many lines, beside so many of all that stay cached; `None` where
-    /// they leave no room in the cache.
-    pub(crate) fn new(warm: usize, beside: usize, miss: u64) -> Option<Self> {
+    /// The share for `warm` lines of warm tasks among `resident` lines of all tasks that stay cached;
+    /// `None` where these leave no room in the cache.
+    pub(crate) fn new(warm: usize, resident: usize, miss: u64) -> Option<Self> {
         let of_visit = warm as u64 * miss;
-        let room = CACHE_LINES.checked_sub(beside + IN_USE)?;
+        let room = CACHE_LINES.checked_sub(resident + IN_USE)?;
         (room > 0).then(|| Self {
             of_line: of_visit.div_ceil(room as u64),
             of_visit,
         })
     }
 
-    /// Of code of which nothing is known but that it takes so long without a cache: each line that it
-    /// fetches costs it a miss.
+    /// For code of which only the cycles without a cache are known: each of its fetches counts as a
+    /// miss.
     pub(crate) fn of_uncached(self, cycles: u64, miss: u64) -> u64 {
         cycles.div_ceil(miss.max(1)) * self.of_line
     }
@@ -76,7 +77,7 @@ impl PersistentLoops {
             }
             let own = looped.blocks.iter().flat_map(|block| &touched[*block]);
             let own: BTreeSet<u32> = own.copied().collect();
-            let all = own.union(&wcets.beside).count();
+            let all = own.union(&wcets.resident_lines).count();
             if all > CACHE_LINES || !pays(wcets, looped, own.len(), all) {
                 continue;
             }
@@ -104,19 +105,19 @@ pub(crate) fn stores_exclusively(block: &Block) -> bool {
     instructions.any(|it| matches!(it.operation, Operation::StoreExclusive { .. }))
 }
 
-/// Whether loading all lines for a visit costs less than fetching those of the loop each round.
+/// Whether loading all lines for a visit costs less than fetching the loop in each iteration.
 fn pays(wcets: &Wcets<'_>, looped: &Loop, own: usize, all: usize) -> bool {
     let total = looped.total.as_ref().map(|total| &total.count);
     let count = total.or(looped.bound.as_ref().map(|bound| &bound.count));
     // One decision for all values: so that costs grow evenly with them.
-    let rounds = count.map_or(0, |count| match count {
+    let iterations = count.map_or(0, |count| match count {
         Count::Number(number) => *number,
-        Count::Named(name) if wcets.varied.contains(name) => VARIED_ROUNDS,
+        Count::Named(name) if wcets.varied.contains(name) => VARIED_ITERATIONS,
         Count::Named(_) => wcets.number(count).unwrap_or(0),
     });
     let (miss, share) = (wcets.model.miss(), wcets.share);
-    let each_round = rounds.saturating_mul(own as u64 * (miss + share.of_line));
-    each_round > all as u64 * miss + share.of_visit
+    let each_iteration = iterations.saturating_mul(own as u64 * (miss + share.of_line));
+    each_iteration > all as u64 * miss + share.of_visit
 }
 
 #[cfg(test)]
@@ -130,8 +131,8 @@ mod tests {
         of_visit: 50,
     };
 
-    /// One loop of 20 rounds of 4 + 6 instructions, and code before and behind it.
-    fn bounds(beside: usize) -> [u64; 2] {
+    /// One loop of 20 iterations of 4 + 6 instructions, with code before and after.
+    fn bounds(resident: usize) -> [u64; 2] {
         let shape: &[(u32, &[usize])] = &[(3, &[1]), (4, &[2, 3]), (6, &[1]), (2, &[])];
         let mut function = testing::function(shape);
         function.loops = vec![testing::counted(1, &[1, 2], &[2], 20)];
@@ -139,7 +140,7 @@ mod tests {
         let model = Model::new(&testing::CLOCK);
         let named = BTreeMap::new();
         let mut wcets = Wcets::new(&functions, &model, &named, BTreeSet::new());
-        wcets.beside = (0..beside as u32).collect();
+        wcets.resident_lines = (0..resident as u32).collect();
         wcets.share = SHARE;
         [Cache::Loops, Cache::Shared].map(|cache| wcets.bound(0x0800_0000, cache).unwrap().cycles())
     }
@@ -153,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_that_does_not_fit_beside_the_others_is_fetched_each_round() {
+    fn a_loop_that_does_not_fit_with_the_resident_lines_is_fetched_each_iteration() {
         let alone = 3 + 10 + 21 * (4 + 10) + 20 * (6 + 10) + 2 + 5 + 3;
         assert_eq!(bounds(61), [alone, alone + 3 * (2 + 21 * 2 + 20 * 2 + 1)]);
     }
@@ -195,7 +196,7 @@ mod tests {
         prop_oneof![
             20 => (0..2000_u32).prop_map(Act::Line),
             20 => (0..40_u32).prop_map(Act::Line),
-            1 => (1..=64 - WARM_LINES - COLD_LINES, in_visit).prop_map(|(lines, rounds)| Act::Visit(lines, rounds)),
+            1 => (1..=64 - WARM_LINES - COLD_LINES, in_visit).prop_map(|(lines, iterations)| Act::Visit(lines, iterations)),
             3 => warm().prop_map(Act::Warm),
             1 => Just(Act::Warm((0..WARM_LINES).collect())),
             2 => proptest::collection::vec(0..COLD_LINES, 1..30).prop_map(Act::Cold),
@@ -205,14 +206,14 @@ mod tests {
     /// Code that evicts a warm task again and again, with as few lines as it can.
     fn evicting() -> impl Strategy<Value = Vec<Act>> {
         (25..40_u32, 1..40_u32).prop_map(|(lines, times)| {
-            let round = |time| {
+            let iteration = |time| {
                 let code = (0..lines).map(move |line| Act::Line(time * lines + line));
                 code.chain([
                     Act::Cold((0..COLD_LINES).collect()),
                     Act::Warm((0..WARM_LINES).collect()),
                 ])
             };
-            (0..times).flat_map(round).collect()
+            (0..times).flat_map(iteration).collect()
         })
     }
 
@@ -234,10 +235,10 @@ mod tests {
                         charged += share.of_line;
                         in_use.push(1000 + line);
                     }
-                    Act::Visit(lines, rounds) => {
-                        // Its own lines, and once those beside.
+                    Act::Visit(lines, iterations) => {
+                        // Its own lines, and once the resident lines.
                         charged += share.of_visit + u64::from(WARM_LINES) * MISS;
-                        for (line, preempts) in rounds {
+                        for (line, preempts) in iterations {
                             cache.touch(5000 + line % lines);
                             if *preempts {
                                 missed += (0..WARM_LINES).map(|line| cache.touch(line)).sum::<u64>();
@@ -254,7 +255,7 @@ mod tests {
                         }
                     }
                 }
-                // What was preempted goes on.
+                // The preempted code resumes.
                 let begin = in_use.len().saturating_sub(IN_USE);
                 again += in_use[begin..].iter().map(|line| cache.touch(*line)).sum::<u64>();
             }

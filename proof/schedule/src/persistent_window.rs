@@ -1,33 +1,33 @@
-//! Response times where loops are persistent in the cache, and code outside of them is cut into
-//! stretches that leave room for the tasks which preempt it most often: see [`crate::persistence`].
+//! Response times with persistent loops, see [`crate::persistence`].
 //!
-//! In a visit of such a loop, and in a stretch, each line of these tasks is missed once at most. So
-//! the runs of some are *warm*, and what loads their lines is charged to the code that evicts them.
-//! Others are *cold*: they pay for what they miss, and only take room. Any other preempting task may
-//! evict everything: a visit begins anew behind it.
+//! In a visit of a persistent loop, and in a stretch of other code, each line of the most frequent
+//! preempting tasks is missed once at most. So some of these tasks are *warm*: the reloading of their
+//! lines is charged to the code that evicts them. Others are *cold*: they pay for their own misses, and
+//! only occupy lines. Any other preempting task may evict everything, and the preempted visit begins
+//! anew.
 //!
-//! So the demand is a sum: so much for each run and each unit of work, wherever it falls.
+//! So the demand is a sum: a cost for each run and each unit of work, wherever it falls in the window.
 
 use std::collections::BTreeSet;
 
 use crate::persistence::Share;
 
-/// The tasks whose lines are resident in the cache beside those of loops and stretches.
+/// The tasks whose lines stay in the cache together with the lines of loops and stretches.
 #[derive(Debug, Clone)]
 pub(crate) struct ResidentTasks {
     /// Their rows.
     pub(crate) rows: Vec<usize>,
     /// Their lines.
     pub(crate) lines: BTreeSet<u32>,
-    /// What code costs the warm ones among them.
+    /// The share by which code pays for the lines of the warm tasks.
     pub(crate) share: Share,
 }
 
-/// What one run of a row costs with persistent loops.
+/// The cost of one run of a row with persistent loops.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct PersistentCost {
     /// Cycles, the loading of its loops' code included.
     pub(crate) alone: u64,
-    /// With what it costs the warm tasks.
+    /// With its share of the misses of warm tasks.
     pub(crate) all: u64,
 }

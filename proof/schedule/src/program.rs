@@ -23,13 +23,13 @@ pub enum Region {
     Apb2,
     /// The processor's own: NVIC, SysTick, DWT.
     Private,
-    /// What the model has no time for: bit-band aliases, USB, external memory.
+    /// Memory without a cost in the model: bit-band aliases, USB, external memory.
     Uncosted,
     /// Not known: charged as the slowest.
     Unknown,
 }
 
-/// A way from one block to another.
+/// An edge from one block to another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Edge {
     /// Index of the block it leads to.
@@ -64,7 +64,7 @@ pub struct Store {
     pub region: Region,
     /// Bytes that it writes.
     pub bytes: u32,
-    /// What it writes, when that is one constant.
+    /// The stored value, when it is one constant.
     pub value: Option<u32>,
 }
 
@@ -86,9 +86,9 @@ pub struct Bound {
     pub origin: String,
 }
 
-/// A comment `// wcet-total: N` on a line: the loop whose own lines it is on runs its body at most
-/// so often in one activation of the task, whatever loops are around it. When it is a name, all
-/// loops that give the name run so often together.
+/// A comment `// wcet-total: N` on a line: the loop that owns the line runs its body at most N
+/// times in one activation of the task, whatever loops are around it. When it is a name, all loops
+/// that give the name run so often together.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Total {
     /// Most runs of the body for each activation.
@@ -111,7 +111,8 @@ pub struct Loop {
     pub back: BTreeSet<usize>,
     /// How often it runs, when that is known.
     pub bound: Option<Bound>,
-    /// How often its counter lets it run, or how far that was followed, when nothing else ends it.
+    /// The number of iterations after which the loop's counter ends it, or up to which the counter
+    /// was followed.
     pub counted: Option<u64>,
     /// How often it runs in all, when that is said.
     pub total: Option<Total>,
@@ -136,14 +137,14 @@ pub struct Function {
     pub addresses: BTreeMap<u32, u32>,
     /// Constants that are written to special registers, by the address of the instruction.
     pub specials: BTreeMap<u32, u32>,
-    /// By the address of an instruction that writes a special register, that of the one that read
-    /// from the same register what is written.
+    /// Restored masks: the address of an instruction that writes a special register, and of the
+    /// earlier instruction that read the written value from the same register.
     pub saved: BTreeMap<u32, u32>,
     /// Its stores.
     pub stores: Vec<Store>,
     /// Its loops, the outer before the inner.
     pub loops: Vec<Loop>,
-    /// What makes it impossible to bound.
+    /// The flaws that make a bound impossible.
     pub flaws: Vec<Flaw>,
     /// Whether it ever returns.
     pub returns: bool,
@@ -155,7 +156,7 @@ impl Block {
         self.instructions.first().map_or(0, |first| first.address)
     }
 
-    /// The address behind it.
+    /// The address after its end.
     pub fn end(&self) -> u32 {
         self.instructions.last().map_or(0, Instruction::end)
     }
@@ -163,7 +164,7 @@ impl Block {
 
 /// All functions of an image.
 pub struct Program<'a> {
-    /// What it was made from.
+    /// The instruction from which it was decoded.
     pub image: &'a Image,
     functions: BTreeMap<u32, Function>,
     /// Functions that never return because they panic.

@@ -1,10 +1,10 @@
 //! Stores to registers that the proof rests on: clocks, flash, DMA, the processor's own.
 //!
-//! Nothing may store to them but what `schedule.toml` names, and what is stored to the access
-//! control of the flash must be what its clocks say. An alias of a bit counts as the word that the
-//! bit is in. A store to a peripheral at an address that is not known is refused, since it may be one
-//! to such a register: so is one that is volatile and may go anywhere. Other stores that may go
-//! anywhere are taken for those of memory-safe Rust, which go to memory.
+//! Only the stores that `schedule.toml` names may write to these registers, and the value stored to
+//! the access control of the flash must agree with the clocks of `schedule.toml`. An alias of a bit
+//! counts as the word that the bit is in. A store to a peripheral at an unknown address is refused,
+//! since the target may be such a register; so is a volatile store at an unknown address. Other
+//! stores that may go anywhere are taken for those of memory-safe Rust, which go to memory.
 
 use std::collections::BTreeSet;
 
@@ -37,14 +37,14 @@ const INTERRUPT_REGISTERS: [(u32, u32); 3] = [
     (0xe000_e400, 0xe000_e4f0),
     (0xe000_ed18, 0xe000_ed24),
 ];
-/// What runs first, before there is a stack to speak of.
+/// The first function, before there is a stack to speak of.
 const RESET: &str = "Reset";
-/// Aliases of the bits of peripherals: where they begin and end, and what is behind them.
+/// Aliases of the bits of peripherals: where they begin and end, and the aliased memory.
 const BIT_BAND_ALIASES: std::ops::Range<u32> = 0x4200_0000..0x4400_0000;
 const PERIPHERALS: u32 = 0x4000_0000;
 const BYTES_PER_BIT_ALIAS: u32 = 32;
 
-/// What the stores are compared with.
+/// The registers with which the stores are compared.
 pub(crate) struct Registers<'a> {
     pub(crate) image: &'a Image,
     pub(crate) functions: &'a Functions,
@@ -60,9 +60,7 @@ impl Registers<'_> {
             let stores = function.stores.iter();
             stores.filter_map(|store| self.flaw(function, store))
         });
-        { all.chain(self.specials()) }
-            .chain(self.uncosted())
-            .collect()
+        all.chain(self.specials()).chain(self.uncosted()).collect()
     }
 
     /// Writes of the processor's registers that choose the stack and take privileges: the depth of the stack and
@@ -109,7 +107,7 @@ impl Registers<'_> {
         ))
     }
 
-    /// What is wrong with a store to a constant address, and what to do about it.
+    /// The flaw of a store to a constant address, and its remedy.
     fn to_known(&self, function: &Function, store: &Store, to: u32) -> Option<(String, String)> {
         let (from, end) = if BIT_BAND_ALIASES.contains(&to) {
             let word = PERIPHERALS + (((to - BIT_BAND_ALIASES.start) / BYTES_PER_BIT_ALIAS) & !3);
@@ -117,7 +115,7 @@ impl Registers<'_> {
         } else {
             (to, to.saturating_add(store.bytes))
         };
-        let (.., name) = { PROTECTED.iter() }.find(|it| from < it.1 && it.0 < end)?;
+        let (.., name) = PROTECTED.iter().find(|it| from < it.1 && it.0 < end)?;
         let is_within = |first: u32, last: u32| first <= from && end <= last;
         let is_byte = store.bytes == 1 && store.value.is_some();
         let is_enable = from < INTERRUPT_REGISTERS[0].1 && store.value.is_some();
@@ -168,7 +166,7 @@ impl Registers<'_> {
         })
     }
 
-    /// What is wrong with a store to an address that is not known.
+    /// The flaw of a store to an unknown address.
     fn to_computed(&self, store: &Store) -> Option<(String, String)> {
         let frames = self.image.frames(store.at);
         let is_suspect = match store.region {
@@ -240,9 +238,9 @@ fn is_overwritten(function: &Function, store: &Store) -> bool {
         .filter(|it| it.to == store.to && it.value.is_some())
         .map(|it| it.at)
         .collect();
-    let has = |block: usize, behind: u32| {
+    let has = |block: usize, after: u32| {
         let mut instructions = function.blocks[block].instructions.iter();
-        instructions.any(|it| it.address > behind && known.contains(&it.address))
+        instructions.any(|it| it.address > after && known.contains(&it.address))
     };
     let holds = |block: &usize| {
         let mut instructions = function.blocks[*block].instructions.iter();
@@ -273,7 +271,7 @@ mod tests {
     use crate::testing;
 
     #[test]
-    fn what_is_not_known_must_be_overwritten_on_each_way() {
+    fn an_unknown_value_must_be_overwritten_on_every_path() {
         // 0: unknown; 1 or 2; 3: the end.
         let shape: &[(u32, &[usize])] = &[(2, &[1, 2]), (2, &[3]), (2, &[3]), (2, &[])];
         let mut function = testing::function(shape);

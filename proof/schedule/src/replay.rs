@@ -1,11 +1,11 @@
-//! Follows an execution of the program and checks what the analysis says of it.
+//! Follows an execution of the program and checks the claims of the analysis.
 //!
-//! Whoever executes the program (an emulator) tells of every instruction and of every access to
-//! memory. A task begins when its handler is reached other than by a branch, and ends with its
-//! exception's return; what comes in between on top of it is not charged to it. For each task that
-//! is analysed, every step must be a way of the static graph, no loop may run more often than its
-//! bound, every access must go where it was predicted to, and the stack be as deep as computed. The
-//! costs are of the same table as the bounds, so that the two can be compared.
+//! An emulator that executes the program reports every instruction and every access to memory. A task
+//! begins when its handler is reached other than by a branch, and ends with its exception return;
+//! preempting tasks are not charged to it. For each analysed task, every step must be an edge of the
+//! static graph, no loop may exceed its bound, every access must go to its predicted region, and the
+//! stack must not exceed its computed depth. Costs are from the same table as the bounds, so that the
+//! two can be compared.
 
 mod activation;
 mod cache;
@@ -29,7 +29,7 @@ use crate::{Instruction, Operation, Region, model};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Contradiction {
     /// From one instruction to another.
-    Way(u32, u32),
+    Step(u32, u32),
     /// From an instruction into code that is not analysed.
     Left(u32, u32),
     /// The head of a loop.
@@ -56,7 +56,7 @@ pub struct Checker {
     running: Vec<usize>,
     /// The access that may yet show where an instruction of unknown region goes.
     unsettled: bool,
-    /// What all else has spent, and its sections.
+    /// The cycles of all other code, and its sections.
     elsewhere: u64,
     sections: Sections,
     held: BTreeMap<u32, u64>,
@@ -217,7 +217,7 @@ impl Checker {
         if let Some(&below) = self.running.last() {
             self.activations[below].preemptions += 1;
         }
-        self.activations[task].begin(self.graph.rings.len());
+        self.activations[task].begin(self.graph.loops.len());
         self.running.push(task);
     }
 
@@ -257,8 +257,8 @@ impl Checker {
             *longest = cycles.max(*longest);
         }
         let site = &self.graph.sites[number];
-        if let Some(ring) = site.in_run {
-            let excess = activation.count_run(number, ring, &self.graph);
+        if let Some(looped) = site.in_run {
+            let excess = activation.count_run(number, looped, &self.graph);
             note_excess(&mut self.found, excess);
         }
         activation.fetch(site, is_jump);
@@ -300,13 +300,13 @@ impl Checker {
             }
             Err(()) => note(
                 &mut self.found,
-                Contradiction::Way(site.address, to.address),
+                Contradiction::Step(site.address, to.address),
             ),
         }
         is_jump
     }
 
-    /// What no task executes matters for the time that it holds tasks up alone.
+    /// Code that no task executes matters only for the time for which it holds tasks up.
     fn pass_elsewhere(&mut self, number: usize) {
         let site = &self.graph.sites[number];
         if let Some((section, cycles)) = self.sections.pass(number, site, self.elsewhere) {
@@ -318,7 +318,7 @@ impl Checker {
         self.unsettled = true;
     }
 
-    /// Counts the blocks that a task has executed, of those that it can reach in such a run.
+    /// Counts the blocks that a task has executed, among the blocks that such a run can reach.
     fn cover(
         &self,
         task: usize,
@@ -346,14 +346,14 @@ impl Checker {
 
     /// Where a contradiction is, and what it is.
     fn describe(&self, contradiction: Contradiction) -> (u32, String) {
-        let ring = |number: usize, limit: &Option<(u64, String)>, often: &str| {
+        let excess = |number: usize, limit: &Option<(u64, String)>, often: &str| {
             let (bound, origin) = limit.clone().unwrap_or_default();
-            let head = self.graph.rings[number].head;
+            let head = self.graph.loops[number].head;
             let what = format!("a loop runs more than {bound} times {often} ({origin})");
             (head, what)
         };
         match contradiction {
-            Contradiction::Way(from, to) => (
+            Contradiction::Step(from, to) => (
                 from,
                 format!(
                     "{from:#010x} is followed by {to:#010x}, which the static graph does not know"
@@ -364,10 +364,10 @@ impl Checker {
                 format!("{from:#010x} leads to {to:#010x}, which is not analysed"),
             ),
             Contradiction::Bound(number) => {
-                ring(number, &self.graph.rings[number].bound, "for one entry")
+                excess(number, &self.graph.loops[number].bound, "for one entry")
             }
             Contradiction::Total(number) => {
-                ring(number, &self.graph.rings[number].total, "in one activation")
+                excess(number, &self.graph.loops[number].total, "in one activation")
             }
             Contradiction::Region(at, region) => {
                 let site = self
@@ -417,7 +417,8 @@ fn is_aligned(site: &Site, address: u32) -> bool {
     })
 }
 
-/// Follows a step between blocks; the loops that run too often by it, or that there is no such way.
+/// Follows a step between blocks; returns the loops that exceed their bounds by the step, or an
+/// error where the graph has no such edge.
 fn step(
     activation: &mut Activation,
     graph: &Graph,
@@ -430,13 +431,13 @@ fn step(
     if site.next.is_some() {
         return Err(());
     }
-    let mut ways = &node.ways;
+    let mut steps = &node.steps;
     if site.is_return
         && let Some(call) = activation.calls.last()
         && graph.sites[call.site].end == target.address
     {
         let caller = graph.sites[call.site].node.ok_or(())?;
-        ways = &graph.nodes[caller].ways;
+        steps = &graph.nodes[caller].steps;
         activation.come_back();
     } else if node.call == Some(target.address) {
         if site.instruction.as_ref().is_some_and(is_call) {
@@ -447,16 +448,16 @@ fn step(
         }
         return Ok(activation.count_call(target));
     }
-    let way = ways.iter().find(|way| way.to == to).ok_or(())?;
-    activation.enter(&way.enters);
-    Ok(activation.run_again(&way.again, graph))
+    let step = steps.iter().find(|step| step.to == to).ok_or(())?;
+    activation.enter(&step.enters);
+    Ok(activation.run_again(&step.again, graph))
 }
 
 fn note_excess(found: &mut BTreeMap<Contradiction, u64>, excess: Option<Excess>) {
     match excess {
         None => {}
-        Some(Excess::Bound(ring)) => note(found, Contradiction::Bound(ring)),
-        Some(Excess::Total(ring)) => note(found, Contradiction::Total(ring)),
+        Some(Excess::Bound(looped)) => note(found, Contradiction::Bound(looped)),
+        Some(Excess::Total(looped)) => note(found, Contradiction::Total(looped)),
         Some(Excess::Calls(function)) => note(found, Contradiction::Called(function)),
     }
 }

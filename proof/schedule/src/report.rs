@@ -1,4 +1,4 @@
-//! The result of an analysis, as `--json` tells it.
+//! The result of an analysis, as `--json` prints it.
 
 use std::collections::BTreeMap;
 
@@ -33,12 +33,12 @@ pub struct Report {
     pub substitution: Option<SubstitutedRuns>,
     /// The highest proven step rate for each baud rate.
     pub proven_step_rate_hz: BTreeMap<String, u32>,
-    /// The same without anything that is assumed of the instruction cache.
+    /// The same without any assumption about the instruction cache.
     pub uncached_step_rate_hz: BTreeMap<String, u32>,
-    /// How long tasks with deadlines may keep the processor from those without: at the step rate of the
-    /// table, at those that are required and at those that are proven.
+    /// How long tasks with deadlines may keep the processor from tasks without: at the step rate of
+    /// the table, at all required rates and at all proven rates.
     pub undeadlined_waits: Vec<UndeadlinedWait>,
-    /// What keeps `idle` from feeding the watchdog besides tasks with deadlines.
+    /// The tasks without deadlines, which also keep `idle` from feeding the watchdog.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub undeadlined: Option<TasksWithoutDeadline>,
     /// Longest run of the step task with a warm cache, exception entry and exit included, cycles.
@@ -55,13 +55,13 @@ pub struct Report {
     pub sections: Vec<Section>,
     /// Slack of the tasks by step rate, at [`Report::baud`].
     pub curve: Vec<Curve>,
-    /// What `schedule.toml` requires, and whether it is so.
+    /// The requirements of `schedule.toml`, and whether they are met.
     pub requirements: Vec<Requirement>,
-    /// What the proof takes for granted, a sentence each.
+    /// The assumptions of the proof, a sentence each.
     pub assumptions: Vec<String>,
     /// The numbers of `schedule.toml` that it counts on.
     pub figures: Vec<KnownFigures>,
-    /// What is wrong; empty: proven.
+    /// The flaws; empty: proven.
     pub flaws: Vec<Flaw>,
 }
 
@@ -70,7 +70,7 @@ pub struct Report {
 pub struct KnownFigures {
     /// Their names and formulas.
     pub formulas: BTreeMap<String, String>,
-    /// What they claim of the program.
+    /// Their claim about the program.
     pub claim: String,
     /// How far that is known.
     pub known: String,
@@ -107,19 +107,19 @@ pub struct TasksWithoutDeadline {
     pub tasks: Vec<String>,
     /// Loops that are counted, or whose number of runs the source states.
     pub counted: usize,
-    /// Loops that feed the watchdog in each round.
+    /// Loops that feed the watchdog in each iteration.
     pub fed: usize,
     /// The others.
     pub uncounted: Vec<UncountedLoops>,
-    /// How long a run of each of the tasks takes, one after the other, without the rounds of the loops that nothing
-    /// counts, cycles; `None`: it is not known.
+    /// How long a run of each of the tasks takes, one after the other, without the iterations of
+    /// uncounted loops, cycles; `None`: not known.
     pub rest_cycles: Option<u64>,
 }
 
 /// Loops that nothing counts, and that end for the same reason.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct UncountedLoops {
-    /// What ends them.
+    /// The reason why they end.
     pub reason: String,
     /// The function that each is in, and where.
     #[serde(skip)]
@@ -156,7 +156,7 @@ pub struct Task {
     pub share: f64,
     /// Longest time that lower priorities hold it up, cycles.
     pub blocking_cycles: u64,
-    /// What holds it up.
+    /// Its blocking.
     pub blocking_source: String,
     /// Response time, cycles; `None`: unbounded.
     pub response_cycles: Option<u64>,
@@ -176,24 +176,24 @@ pub struct Task {
     pub kind_of: Option<String>,
     /// The regime that it is due in, where its task has several.
     pub regime: Option<String>,
-    /// What its response time is computed from.
+    /// The demand from which its response time is computed.
     pub window: Option<Window>,
     /// Its worst path by source line, in the order of their cost.
     pub worst_path: Vec<Line>,
 }
 
-/// What is to be done in the busy window of a task.
+/// The demand in the busy window of a task.
 ///
 /// Job number `n` of the last of its own streams, from 0, is due `release(n)` after the window's
 /// beginning, less the jitter, and ends with the smallest window `w = once + Σ own + Σ others`. Of the
 /// others, the releases of `w + jitter` count, but one at least; of its own streams but the last, those
 /// due before `release(n + 1)`; of the last, `n + 1`. The response time is the longest from when a job is
-/// due to its end, of all jobs up to the first whose end is not behind the next one's release.
+/// due to its end, of all jobs up to the first that ends before the next release.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Window {
     /// The task's own work: the last stream is the one whose ends count.
     pub own: Vec<Stream>,
-    /// That of higher and of the same priority.
+    /// The work of tasks of higher and of the same priority.
     pub others: Vec<Stream>,
     /// Blocking, and what the window pays once besides, cycles.
     pub once: u64,
@@ -212,7 +212,7 @@ pub struct Stream {
     pub burst: f64,
     /// How much later than it is due a release may come, cycles.
     pub jitter: f64,
-    /// What one costs at most, with what it costs others, cycles.
+    /// The highest cost of one release, with the delay of other tasks, cycles.
     pub cost: u64,
 }
 
@@ -260,13 +260,13 @@ pub struct Section {
 /// A figure that `schedule.toml` sets a limit to.
 #[derive(Debug, Clone, Serialize)]
 pub struct Requirement {
-    /// What is required, in words: `step rate at 115200 baud`.
+    /// The requirement in words: `step rate at 115200 baud`.
     pub what: String,
     /// The unit of both figures.
     pub unit: String,
     /// The limit.
     pub required: f64,
-    /// What was found.
+    /// The result.
     pub found: f64,
     /// Whether it is met.
     pub is_met: bool,

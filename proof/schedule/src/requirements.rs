@@ -1,4 +1,4 @@
-//! What `schedule.toml` requires of a report, and whether it is so.
+//! The requirements of `schedule.toml`, and whether a report meets them.
 
 use crate::{Config, Flaw, Place, Report, Requirement, Rule};
 
@@ -13,7 +13,8 @@ pub(crate) fn points(config: &Config, axes: u8) -> impl Iterator<Item = (u32, u3
 pub(crate) fn of(config: &Config, report: &Report) -> (Vec<Requirement>, Vec<Flaw>) {
     let rates = points(config, report.axes).map(|point| rate(report, point));
     let waits = points(config, report.axes).filter_map(|point| wait(config, report, point));
-    let required: Vec<Requirement> = { rates.chain(waits) }
+    let required: Vec<Requirement> = rates
+        .chain(waits)
         .chain(watchdog(config, report))
         .chain(step_task(config, report))
         .collect();
@@ -72,7 +73,7 @@ fn watchdog(config: &Config, report: &Report) -> Option<Requirement> {
     })
 }
 
-/// What is required of the step task: edges, time and lines of the cache.
+/// The requirements on the step task: edges, time and lines of the cache.
 fn step_task(config: &Config, report: &Report) -> [Requirement; 3] {
     let require = &config.require;
     let jitter = report.step_edge_jitter_us;

@@ -1,16 +1,15 @@
 //! Response times of all rows at one step rate and baud rate.
 //!
-//! Several statements about the instruction cache are true at once, each gives a response time that
-//! is safe, and the least of them counts:
+//! Each of the following models of the instruction cache gives a safe response time, and the least
+//! response time counts:
 //!
-//! * *uncached*: nothing but the line in use is ever in the cache;
-//! * *cold*: one run misses each of its lines once, if all of them fit the cache. A preemption may
-//!   cost the one that is preempted all its lines again: where the least recently used line is
-//!   replaced, one line too many may push out all others, so what the preempting task touches says
-//!   nothing;
-//! * *persistent*: if the lines of all that may run in a busy window fit the cache together, none is
-//!   pushed out in it, and each is missed once in the whole window;
-//! * *loops*: the same for the loops of a task and those that preempt it most often; see
+//! * *uncached*: only the line in use is ever in the cache;
+//! * *cold*: one run misses each of its lines once, if all of them fit the cache. A preemption may evict
+//!   all lines of the preempted task: with replacement of the least recently used line, one line too
+//!   many may evict all others, so the lines of the preempting task do not limit the eviction;
+//! * *persistent*: if the lines of all tasks in a busy window fit the cache together, none is evicted in
+//!   the window, and each is missed once in the whole window;
+//! * *loops*: the same for the loops of a task and the tasks that preempt it most often; see
 //!   [`crate::persistent_window`].
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -19,16 +18,16 @@ use crate::{
     Point, SubstitutedRuns, Wcet,
     model::{CACHE_LINES, OUTSTANDING_TRANSFER, RESTART, RETRY},
     persistent_window::PersistentCost,
-    preempting::{PreemptingTasks, Streams},
+    preempting_tasks::{PreemptingTasks, Streams},
     row_demand::RowDemand,
     rta::{Arrival, Demand, Load},
     substitution::{Substitution, SubstitutionCost},
     system::{Cost, System},
 };
 
-/// Lines that are fetched again when a task goes on behind a preemption without a cache.
+/// Lines that are fetched again when a task resumes after a preemption without a cache.
 const REFETCHED: u64 = 2;
-/// Response times above so many deadlines are not looked for.
+/// Response times above so many deadlines are not computed.
 const HOPELESS: f64 = 4.0;
 
 /// A section that may hold tasks up.
@@ -81,7 +80,7 @@ pub(crate) struct Response {
     pub(crate) response: Option<u64>,
     /// How many units of work a substituted run costs, where runs are substituted.
     pub(crate) substitution_cost: Option<f64>,
-    /// What the response time is computed from.
+    /// The demand from which the response time is computed.
     pub(crate) demand: Demand,
 }
 
@@ -155,7 +154,8 @@ fn up_to(
                 window.limit = (deadlines * window.own.deadline).clamp(0.0, 1e12) as u64;
                 window.respond()
             };
-            let substitutions = { substitutions.iter() }
+            let substitutions = substitutions
+                .iter()
                 .filter(|(_, substitution)| substitution.is_in(system, regime));
             let found = substitutions
                 .map(|(row_demands, substitution)| respond(row_demands, Some(substitution)));
@@ -171,8 +171,8 @@ fn up_to(
 /// How long tasks with deadlines may keep the processor from those without, which have lower priorities,
 /// cycles; `None`: more than `limit`.
 ///
-/// All rows that may be due together are in the demand of one of the lowest priority: of the one to which
-/// none of the others yields.
+/// All rows that may be due together are in the demand of a row of the lowest priority: the row to
+/// which no other row yields.
 ///
 /// # Errors
 ///
@@ -184,7 +184,10 @@ pub(crate) fn undeadlined_wait(
     limit: u64,
 ) -> Result<Option<u64>, String> {
     let responses = all(system, sections, point)?;
-    let rows = { system.rows.iter().zip(&responses) }
+    let rows = system
+        .rows
+        .iter()
+        .zip(&responses)
         .filter_map(|(row, response)| Some((row.task.priority, response.as_ref()?)));
     let Some(lowest) = rows.clone().map(|(priority, _)| priority).min() else {
         return Ok(Some(0));
@@ -196,7 +199,7 @@ pub(crate) fn undeadlined_wait(
     Ok(busy.and_then(|busy| busy.into_iter().max()))
 }
 
-/// What is substituted, and what that costs.
+/// The substituted runs and their cost.
 ///
 /// # Errors
 ///
@@ -268,7 +271,7 @@ struct Window<'a> {
     others: Vec<&'a RowDemand>,
     /// Runs of the same task that may have begun before this one was due.
     yielding: Vec<&'a RowDemand>,
-    /// Longer responses are not looked for.
+    /// Longer responses are not computed.
     limit: u64,
     miss: u64,
     is_cached: bool,
@@ -294,7 +297,7 @@ impl<'a> Window<'a> {
             others.filter(|(_, it)| system.regime(it.row).is_none_or(|it| Some(it) == regime));
         let (yielding, others): (Vec<&RowDemand>, Vec<&RowDemand>) =
             { others.map(|(_, it)| it) }.partition(|it| system.yields(it.row, own.row));
-        let holding = sections
+        let mut holding = sections
             .iter()
             .filter(|section| section.holds(own.priority));
         let worst = holding.clone().max_by_key(|section| section.cycles);
@@ -314,7 +317,7 @@ impl<'a> Window<'a> {
                 .flat_map(|section| section.lines.clone())
                 .chain(yielding.iter().flat_map(|it| it.cost.lines.clone()))
                 .collect(),
-            blocking_retries: { holding }.any(|section| section.retries),
+            blocking_retries: holding.any(|section| section.retries),
             blocking_source: worst.map_or_else(String::new, |section| section.place.clone()),
             yielding,
         }
@@ -344,10 +347,10 @@ impl<'a> Window<'a> {
                 all.push(found(response, self.cost(Kind::Warm), "persistent"));
             }
             let preempting = self.preempting();
-            for beside in 1..=preempting.len() {
-                let warm = 0..=beside;
-                let found =
-                    warm.filter_map(|it| self.with_persistent_loops(&preempting, it, beside - it));
+            for resident in 1..=preempting.len() {
+                let warm = 0..=resident;
+                let found = warm
+                    .filter_map(|it| self.with_persistent_loops(&preempting, it, resident - it));
                 all.extend(found);
             }
         }
@@ -373,14 +376,14 @@ impl<'a> Window<'a> {
         }
     }
 
-    /// What a run costs at most, and the share of the processor of all runs.
+    /// The highest cost of a run, and the share of the processor of all runs.
     fn cost(&self, kind: Kind) -> (u64, f64) {
         let parts = self.own.parts.iter();
         let shares = parts.map(|part| part.arrival.rate() * kind.of(part.wcet).0 as f64);
         (kind.of(self.own.cost.wcet).0, shares.sum())
     }
 
-    /// What preempts the row, the most frequent first.
+    /// The rows that preempt this row, the most frequent first.
     fn preempting(&self) -> Vec<&'a RowDemand> {
         let others = self.others.iter();
         let higher = others.filter(|other| other.priority > self.own.priority);
@@ -417,8 +420,8 @@ impl<'a> Window<'a> {
         let visit = visits.fold(own.1, u64::max);
         let restart = RESTART + if self.retries() { RETRY } else { 0 };
         let cost = |row_demand: &RowDemand| {
-            let again = self.reloading(row_demand.priority, Kind::Uncached, Kind::Uncached);
-            tasks.cost(row_demand, visit, (restart, again))
+            let reload = self.reloading(row_demand.priority, Kind::Uncached, Kind::Uncached);
+            tasks.cost(row_demand, visit, (restart, reload))
         };
         let substitution_cost = self.substitution_cost(|row_demand| {
             if row_demand.priority == self.own.priority {
@@ -475,7 +478,8 @@ impl<'a> Window<'a> {
             units: 0.0,
             once: 0,
         };
-        let rows: Vec<&RowDemand> = { [self.own].into_iter() }
+        let rows: Vec<&RowDemand> = [self.own]
+            .into_iter()
             .chain(self.others.iter().copied())
             .collect();
         let substitution = self.substitution;
@@ -498,12 +502,12 @@ impl<'a> Window<'a> {
             let is_kind = self.system.rows[row_demand.row].kind_of == Some(self.own.row);
             let is_own = is_kind || row_demand.row == self.own.row;
             let preempts = row_demand.priority > self.own.priority;
-            let again = if preempts && own != Kind::Warm {
+            let reload = if preempts && own != Kind::Warm {
                 self.reloading(row_demand.priority, own_kind, others)
             } else {
                 0
             };
-            let more = again + if preempts { RESTART + RETRY } else { 0 };
+            let more = reload + if preempts { RESTART + RETRY } else { 0 };
             let kind = if is_own { own } else { others };
             let parts = row_demand.parts.iter().map(|part| Load {
                 arrival: part.arrival,
@@ -528,7 +532,7 @@ impl<'a> Window<'a> {
         (demand.response(self.limit), units, demand)
     }
 
-    /// What holds the row up.
+    /// The blocking of the row.
     fn source(&self) -> String {
         let yielding = self.yielding.iter();
         let names = yielding.map(|it| format!("a run of `{}`", self.system.rows[it.row].name));
@@ -542,7 +546,8 @@ impl<'a> Window<'a> {
         self.blocking + OUTSTANDING_TRANSFER + yielding.max().unwrap_or(0)
     }
 
-    /// What a preemption by that priority costs those that may be preempted in this window.
+    /// Cycles for the lines that a preemption by such a priority evicts from the tasks of this
+    /// window.
     fn reloading(&self, priority: u8, own: Kind, others: Kind) -> u64 {
         let lines = |kind: Kind, cost: &Cost| match kind {
             Kind::Cold => cost.lines.len().min(CACHE_LINES) as u64,
@@ -555,7 +560,7 @@ impl<'a> Window<'a> {
     }
 }
 
-/// What the sections mean for the tasks: those that are not exempt and have a length.
+/// Blocking by sections: by all that are not exempt and have a length.
 pub(crate) fn blocking(
     system: &System<'_>,
     held: &[crate::sections::Held],

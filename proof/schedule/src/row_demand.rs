@@ -1,4 +1,4 @@
-//! A row of the table at one step rate and baud rate: what it costs, and when.
+//! The demand of a row of the table at one step rate and baud rate: costs and arrivals.
 //!
 //! A row whose runs do a varying number of units of work is charged for its runs and for the units
 //! separately: the units come at their own rate, however they are spread over runs.
@@ -22,7 +22,7 @@ pub(crate) struct RowDemand {
     pub(crate) arrival: Arrival,
     /// A whole run, the longest.
     pub(crate) cost: Rc<Cost>,
-    /// What its work consists of: runs, and units of work in them if their number varies.
+    /// The parts of its work: runs, and units of work in them if their number varies.
     pub(crate) parts: Vec<Part>,
     pub(crate) units: Option<UnitCount>,
 }
@@ -106,7 +106,7 @@ impl RowDemand {
         }))
     }
 
-    /// The same row with so many more runs in any window, as far as they are apart enough.
+    /// The same row with so many more runs in any window, as far as their spacing allows.
     pub(crate) fn with_more(&self, count: f64) -> Self {
         let more = |arrival: &mut Arrival| {
             arrival.sustained = arrival.sustained.map(|(rate, burst)| (rate, burst + count));
@@ -119,8 +119,8 @@ impl RowDemand {
         new
     }
 
-    /// What a run costs without any units of work, not even those that it may have beside its share,
-    /// and what a unit costs, by the costs of its parts.
+    /// Returns the cost of a run without any units of work, not even those beyond its share, and
+    /// the cost of a unit, given the costs of its parts.
     pub(crate) fn run_and_unit(&self, costs: &[u64]) -> (u64, u64) {
         match (costs, &self.units) {
             ([run, unit], Some(units)) => (run.saturating_sub(units.extra * unit), *unit),
@@ -134,13 +134,13 @@ impl RowDemand {
         &self,
         system: &System<'_>,
         named: &BTreeMap<String, u64>,
-        beside: &ResidentTasks,
+        resident: &ResidentTasks,
     ) -> Option<(Vec<(Arrival, PersistentCost)>, u64)> {
-        let (all, visit) = system.persistent_cost(self.row, named, beside)?;
+        let (all, visit) = system.persistent_cost(self.row, named, resident)?;
         let Some(units) = &self.units else {
             return Some((vec![(self.arrival, all)], visit));
         };
-        let (none, _) = system.persistent_cost(self.row, &units.without, beside)?;
+        let (none, _) = system.persistent_cost(self.row, &units.without, resident)?;
         let alone = units.split(none.alone, all.alone);
         let cycles = units.split(none.all, all.all);
         let parts = self.parts.iter().enumerate().map(|(index, part)| {

@@ -1,10 +1,11 @@
 //! Response times of tasks with fixed priorities.
 //!
-//! Tasks preempt those of lower priority and run one after another at the same; lower priorities
-//! hold a task up for one critical section at most (stack resource policy: T. Baker 1991). Response
-//! times by M. Joseph and P. Pandya 1986, over all jobs of the busy window (J. Lehoczky 1990).
+//! Tasks preempt tasks of lower priority, and run one after another at the same priority; lower
+//! priorities hold a task up for one critical section at most (stack resource policy: T. Baker
+//! 1991). Response times by M. Joseph and P. Pandya 1986, over all jobs of the busy window (J.
+//! Lehoczky 1990).
 
-/// What a quotient in floating point may be above the true one: far less than a cycle's worth.
+/// The error of a quotient in floating point: far less than a cycle's worth.
 const ROUNDING: f64 = 1e-9;
 /// Jobs of one task in a busy window: with more, the processor is all but overloaded.
 const MOST_JOBS: u64 = 10_000;
@@ -58,18 +59,18 @@ impl Arrival {
 pub(crate) struct Load {
     /// When it is released.
     pub(crate) arrival: Arrival,
-    /// What one run costs, with what it costs the task that it preempts.
+    /// The cost of one run, with the delay of the task that the run preempts.
     pub(crate) cost: u64,
 }
 
-/// What is to be done in a busy window: all that its response time depends on.
+/// The demand of a busy window: all on which its response time depends.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Demand {
     /// The streams of jobs of the task itself; the ends of the last one's count.
     pub(crate) own: Vec<Load>,
-    /// Those of higher and of the same priority.
+    /// The streams of tasks of higher and of the same priority.
     pub(crate) others: Vec<Load>,
-    /// What the whole window pays once, blocking first of all.
+    /// The cycles that a window pays once, blocking first of all.
     pub(crate) once: u64,
 }
 
@@ -79,8 +80,7 @@ impl Demand {
         response(&self.own, &self.others, self.once, limit)
     }
 
-    /// How long the processor is busy with it, if that is below a limit: with all that is released in
-    /// that time.
+    /// The length of the busy window, if below a limit: with all releases in that time.
     pub(crate) fn busy(&self, limit: u64) -> Option<u64> {
         let loads = || self.own.iter().chain(&self.others);
         fixed_point(self.once, limit, |window| {
@@ -150,7 +150,7 @@ pub(crate) fn worst(
     None
 }
 
-/// The smallest window that is as long as what happens in it.
+/// The smallest window as long as its own demand.
 pub(crate) fn fixed_point(start: u64, limit: u64, demand: impl Fn(u64) -> u64) -> Option<u64> {
     let mut window = start;
     loop {
@@ -293,9 +293,10 @@ mod tests {
         offset: u64,
     }
 
-    /// What a processor does that runs the highest priority first, in steps of one cycle, until it
-    /// is idle: the longest time of each task from when a job is due to its end. The first job of each
-    /// is released as late as it may be, the others when they are due, but not before the first.
+    /// A processor with fixed priorities and preemption, simulated in steps of one cycle until it
+    /// is idle: returns the longest time of each task from the due time of a job to its end. The
+    /// first job of each is released as late as it may be, the others when they are due, but not
+    /// before the first.
     fn simulate(tasks: &[Simulated], horizon: u64) -> Vec<u64> {
         let mut jobs: Vec<Vec<(u64, u64)>> = vec![Vec::new(); tasks.len()];
         let mut worst = vec![0; tasks.len()];
@@ -339,7 +340,7 @@ mod tests {
                 Simulated { period, cost, jitter, offset }
             });
             let tasks: Vec<Simulated> = tasks.collect();
-            let loads: Vec<_> = { tasks.iter() }
+            let loads: Vec<_> = tasks.iter()
                 .map(|it| {
                     let mut load = load(it.period as f64, it.cost);
                     load.arrival.jitter = it.jitter as f64;
@@ -347,7 +348,7 @@ mod tests {
                 })
                 .collect();
             // All first jobs at the same time.
-            let critical: Vec<_> = { tasks.iter() }
+            let critical: Vec<_> = tasks.iter()
                 .map(|it| Simulated { offset: 60 - it.jitter, ..*it })
                 .collect();
             let (critical, shifted) = (simulate(&critical, 4000), simulate(&tasks, 4000));

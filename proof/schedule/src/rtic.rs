@@ -2,8 +2,8 @@
 //!
 //! RTIC 2.4: a hardware task has the vector that it binds; each priority of software tasks has one
 //! dispatcher, taken from the end of the list, the highest priority first. A resource's ceiling is
-//! the highest priority of the tasks that share it; one that is only shared by reference is never
-//! locked.
+//! the highest priority of the tasks that share it; a resource that is only shared by reference is
+//! never locked.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -123,7 +123,7 @@ fn named<'a>(attributes: &'a [Attribute], name: &str) -> Option<&'a Attribute> {
     })
 }
 
-/// The task that a function is, if it is one.
+/// The task of a function, if the function is a task.
 fn task(function: &ItemFn) -> Result<Option<AppTask>, String> {
     let name = function.sig.ident.to_string();
     let is_idle = named(&function.attrs, "idle").is_some();
@@ -169,7 +169,7 @@ fn arguments(attribute: &Attribute) -> BTreeMap<String, Vec<TokenTree>> {
     arguments.collect()
 }
 
-/// What stands between commas.
+/// The parts between commas.
 fn split(tokens: TokenStream) -> Vec<Vec<TokenTree>> {
     let mut parts = vec![Vec::new()];
     for token in tokens {
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_dispatchers_are_told() {
+    fn too_few_dispatchers_are_reported() {
         let source = SOURCE.replace("I2C2_EV, ", "");
         assert_eq!(
             App::parse(&source),

@@ -1,10 +1,10 @@
-//! Sections in which interrupts are held back, from machine code.
+//! Critical sections of machine code, in which interrupts are masked.
 //!
-//! Each begins where `BASEPRI`, `PRIMASK` or `FAULTMASK` is raised and ends where it is restored, on
-//! whatever way through the function. It is restored by zero, or by what was read from the register
-//! outside of the section; what is not known to be one of these raises it. Their code is charged
-//! without a cache, so the length holds wherever they are. All functions of the image are looked at:
-//! idle, initialisation and libraries too.
+//! A section begins where `BASEPRI`, `PRIMASK` or `FAULTMASK` is raised, and ends where the mask is
+//! restored, on every path through the function. Zero restores the mask, and so does a value that was
+//! read from the register outside of the section; any other value raises the mask. Sections are
+//! charged without a cache, so the length holds wherever the code is. All functions of the image are
+//! analysed: idle, initialisation and libraries too.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -80,14 +80,14 @@ impl Mask {
     }
 }
 
-/// What an instruction makes of a mask.
+/// The effect of an instruction on a mask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Effect {
-    /// It holds up tasks up to this priority, or all.
+    /// The mask holds up tasks up to this priority, or all.
     Raises(Option<u8>),
-    /// It lets all in.
+    /// The mask is cleared.
     Clears,
-    /// It is what it was at this instruction.
+    /// The mask has the value that it had at this instruction.
     Restores(u32),
 }
 
@@ -109,7 +109,7 @@ struct Extent {
     ceiling: Option<u8>,
     blocks: BTreeSet<usize>,
     ends: BTreeSet<usize>,
-    /// Whether the block that it begins in may be executed within it again.
+    /// Whether the first block of the section may be executed again within the section.
     is_entered_again: bool,
 }
 
@@ -134,9 +134,9 @@ fn of_function(wcets: &Wcets<'_>, function: &Function) -> Vec<Held> {
             .iter()
             .flat_map(|call| (*wcets.lines(*call)).clone())
             .collect();
-        // What never comes back ends the section, and the machine.
+        // A call that never returns ends the section, and the machine.
         let is_back = |block: &&usize| !function.blocks[**block].traps;
-        let calls = { blocks.iter() }.filter(is_back);
+        let calls = blocks.iter().filter(is_back);
         let calls = calls.filter_map(|block| function.blocks[*block].call);
         let reached = calls.flat_map(|call| wcets.reach(call)).collect();
         let mut own = blocks.iter().map(|block| &function.blocks[*block]);
@@ -162,8 +162,8 @@ fn of_function(wcets: &Wcets<'_>, function: &Function) -> Vec<Held> {
     held.collect()
 }
 
-/// The writes of masks in a function. A block begins with what raises a mask in any case, and ends
-/// with what may restore one.
+/// The writes of masks in a function. A block begins with each write that raises a mask for
+/// certain, and ends with each write that may restore a mask.
 fn writes(function: &Function) -> Vec<Write> {
     let blocks = function.blocks.iter().enumerate();
     let all = blocks.flat_map(|(block, it)| it.instructions.iter().map(move |at| (block, at)));
@@ -171,7 +171,7 @@ fn writes(function: &Function) -> Vec<Write> {
         let (operation, address) = (instruction.operation, instruction.address);
         Mask::of(operation).filter_map(move |mask| {
             let effect = effect(function, address, operation, mask);
-            // What is skipped on a condition ends nothing.
+            // A conditional write does not end a section.
             let may_count = !instruction.is_conditional() || matches!(effect, Effect::Raises(_));
             may_count.then_some(Write {
                 block,
@@ -212,18 +212,20 @@ fn effect(function: &Function, address: u32, operation: Operation, mask: Mask) -
     }
 }
 
-/// The sections of a function. A register that is restored to what it was within a section, behind
-/// the end of that section, begins another.
+/// The sections of a function. A register that is restored to a raised value, after the end of the
+/// section in which the value was read, begins another section.
 fn extents(function: &Function) -> Vec<Extent> {
     let writes = writes(function);
-    let mut begins: BTreeMap<(u32, Mask, Option<u8>), Write> = { writes.iter() }
+    let mut begins: BTreeMap<(u32, Mask, Option<u8>), Write> = writes
+        .iter()
         .filter_map(|write| match write.effect {
             Effect::Raises(ceiling) => Some(((write.address, write.mask, ceiling), *write)),
             Effect::Clears | Effect::Restores(_) => None,
         })
         .collect();
     loop {
-        let found: Vec<Extent> = { begins.iter() }
+        let found: Vec<Extent> = begins
+            .iter()
             .map(|(&(.., ceiling), write)| extent(function, &writes, write, ceiling))
             .collect();
         let mut more = false;
@@ -251,9 +253,9 @@ fn holds(function: &Function, extent: &Extent, address: u32) -> bool {
     let mut blocks = extent.blocks.iter();
     blocks.any(|block| {
         let mut instructions = function.blocks[*block].instructions.iter();
-        let is_behind =
+        let follows_restore =
             *block != extent.block || address > extent.address || extent.is_entered_again;
-        is_behind && instructions.any(|it| it.address == address)
+        follows_restore && instructions.any(|it| it.address == address)
     })
 }
 
@@ -263,7 +265,7 @@ fn extent(function: &Function, writes: &[Write], begin: &Write, ceiling: Option<
     let mut inner: BTreeSet<u32> = BTreeSet::new();
     loop {
         let is_end = |block: usize| {
-            { writes.iter() }.any(|write| {
+            writes.iter().any(|write| {
                 let is_other = write.block == block && write.address != begin.address;
                 is_other
                     && write.mask == begin.mask
@@ -301,7 +303,7 @@ fn extent(function: &Function, writes: &[Write], begin: &Write, ceiling: Option<
     }
 }
 
-/// The blocks that are reached from one without passing the end of another, and those ends.
+/// The blocks that are reached from `block` without passing an end, and the reached ends.
 fn walk(
     function: &Function,
     block: usize,
@@ -352,7 +354,7 @@ mod tests {
     };
 
     fn sections(change: impl Fn(&mut Function)) -> Vec<Held> {
-        // 0: raises; 1 and 2: two ways; 3: restores; 4: behind it.
+        // 0: raises; 1 and 2: two paths; 3: restores; 4: after it.
         let shape: &[(u32, &[usize])] =
             &[(1, &[1, 2]), (4, &[3]), (8, &[3]), (2, &[4]), (100, &[])];
         let mut function = testing::function(shape);

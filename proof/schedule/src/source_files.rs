@@ -10,7 +10,7 @@ use std::{
 pub struct SourceFile {
     /// Its path from the root of the project.
     pub name: String,
-    /// What stands in it.
+    /// Its text.
     pub text: String,
 }
 

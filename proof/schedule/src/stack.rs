@@ -2,7 +2,8 @@
 //!
 //! Within a function the stack pointer moves by constants only; what a call adds is the depth of
 //! the function called. Tasks of one priority never preempt one another, so the deepest stack is
-//! that of the main program and, for each priority, the deepest task with its exception frame.
+//! the depth of the main program plus, for each priority, the depth of the deepest task with its
+//! exception frame.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,7 +16,7 @@ pub(crate) const FLOAT_FRAME_BYTES: u64 = 104 + 4;
 
 const SP: u8 = 13;
 
-/// What a register holds, as far as the stack needs it.
+/// The value of a register, as far as the stack needs it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Value {
     /// So many bytes above the stack pointer at the function's begin.
@@ -30,7 +31,7 @@ type Registers = [Value; 16];
 pub(crate) struct Depths<'a> {
     functions: &'a Functions,
     is_ignored: &'a dyn Fn(u32) -> bool,
-    /// What the pointers that a function calls may point to.
+    /// The possible callees of a function's pointers.
     pointers: &'a BTreeMap<u32, BTreeSet<u32>>,
     /// Blocks of functions whose calls do not count.
     left_out: BTreeSet<(u32, usize)>,
@@ -38,8 +39,8 @@ pub(crate) struct Depths<'a> {
 }
 
 impl<'a> Depths<'a> {
-    /// `is_ignored`: functions whose calls do not count, panics. `pointers`: for each function that
-    /// calls through pointers, what it may call.
+    /// `is_ignored`: functions whose calls do not count, panics. `pointers`: the possible callees
+    /// of each function that calls through pointers.
     pub(crate) fn new(
         functions: &'a Functions,
         is_ignored: &'a dyn Fn(u32) -> bool,
@@ -54,24 +55,24 @@ impl<'a> Depths<'a> {
         }
     }
 
-    /// The same without what a function calls before it lets interrupts in, as long as nothing of
-    /// that can let them in: no task is on top of it.
+    /// The depths without the callees of a function before interrupts are enabled, where none of
+    /// these callees can enable interrupts: no task is on top of them.
     pub(crate) fn under_tasks(mut self, function: &Function) -> Self {
         let opens = |block: &Block| (block.instructions.iter()).any(|it| lets_in(function, it));
         let from = (0..function.blocks.len()).filter(|at| opens(&function.blocks[*at]));
-        let mut behind: BTreeSet<usize> = BTreeSet::new();
+        let mut beyond: BTreeSet<usize> = BTreeSet::new();
         let mut work: Vec<usize> = from.collect();
         if work.is_empty() {
             return self;
         }
         while let Some(block) = work.pop() {
-            if behind.insert(block) {
+            if beyond.insert(block) {
                 work.extend(function.blocks[block].successors.iter().map(|edge| edge.to));
             }
         }
         for (at, block) in function.blocks.iter().enumerate() {
             let is_quiet = |call| self.is_quiet(call, &mut BTreeSet::new());
-            if !behind.contains(&at) && block.call.is_some_and(is_quiet) {
+            if !beyond.contains(&at) && block.call.is_some_and(is_quiet) {
                 self.left_out.insert((function.address, at));
             }
         }
@@ -112,7 +113,7 @@ impl<'a> Depths<'a> {
         called.into_iter().all(|call| self.is_quiet(call, seen))
     }
 
-    /// Bytes that a function takes, with what it calls.
+    /// Bytes of a function's frame, with the frames of its callees.
     ///
     /// # Errors
     ///
@@ -140,7 +141,7 @@ impl<'a> Depths<'a> {
 
     fn follow(&mut self, function: &Function) -> Result<u64, u32> {
         if function.blocks.is_empty() {
-            // It could not be decoded.
+            // The callee was not decoded.
             return Err(function.address);
         }
         let mut before: Vec<Option<Registers>> = vec![None; function.blocks.len()];
@@ -203,8 +204,8 @@ impl<'a> Depths<'a> {
     }
 }
 
-/// Whether an instruction lets interrupts in that were kept out. What is written back to the mask
-/// is what it was before, and so does not, unless it is known to be otherwise.
+/// Whether an instruction lets interrupts in that were kept out. A write restores the mask, and so
+/// enables nothing, unless a constant is known to be written.
 fn lets_in(function: &Function, instruction: &Instruction) -> bool {
     const PRIMASK: u8 = 16;
     match instruction.operation {
@@ -226,14 +227,14 @@ pub(crate) const fn pointer(operation: &Operation) -> Option<u8> {
     }
 }
 
-/// What a call leaves of the registers.
+/// The registers after a call.
 fn clobber(registers: &mut Registers) {
     for register in [0, 1, 2, 3, 12, 14] {
         registers[register] = Value::Unknown;
     }
 }
 
-/// What a register holds after instructions in a row, if it is a constant and nothing is called.
+/// The value of a register after consecutive instructions, if it is a constant and nothing is called.
 pub(crate) fn constant<'i>(
     register: u8,
     instructions: impl IntoIterator<Item = &'i Instruction>,
@@ -251,7 +252,7 @@ pub(crate) fn constant<'i>(
     }
 }
 
-/// What is known where two ways meet; of two depths the greater.
+/// The join of two states; of two depths the greater.
 fn join(one: Registers, other: Registers) -> Registers {
     let mut joined = one;
     for (value, other) in joined.iter_mut().zip(other) {
@@ -264,7 +265,7 @@ fn join(one: Registers, other: Registers) -> Registers {
     joined
 }
 
-/// What an instruction makes of the registers.
+/// The registers after an instruction.
 fn step(instruction: &Instruction, registers: &mut Registers) {
     let before = *registers;
     let at = |register: u8| before[usize::from(register & 15)];
@@ -389,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_the_stack_by_an_unknown_number_is_told() {
+    fn what_moves_the_stack_by_an_unknown_number_is_reported() {
         let (mut functions, none) = (functions(), BTreeMap::new());
         let inner = functions.get_mut(&0x0900_0000).unwrap();
         inner.blocks[0].instructions[0].operation = Operation::Plain { writes: 1 << SP };
@@ -445,7 +446,7 @@ mod tests {
         // Behind the call.
         opening(&mut functions, 0x0800_0000, 3);
         assert_eq!(depth(&functions), Ok(16 + 64));
-        // What is called may let them in too.
+        // A callee may enable interrupts too.
         let mut both = functions.clone();
         both.get_mut(&0x0900_0000).unwrap().blocks[0].call = Some(0x0a00_0000);
         let mut last = testing::function(&[(1, &[])]);

@@ -1,18 +1,18 @@
-//! What happens before the tasks run, and that the watchdog is fed wherever the processor may stay for long.
+//! The order of initialisation, and the feeding of the watchdog wherever the processor may stay for long.
 //!
 //! Functions that are inlined are found by what the program file says of each instruction. The order is that of
 //! effects: accesses to peripherals and calls, which the compiler keeps in the order of the source.
 //!
-//! A program with a watchdog needs both: what `schedule.toml` leaves out is told, as is a function that it names and the
-//! program lacks.
+//! A program with a watchdog needs both tables: a missing table is reported, as is a function that
+//! `schedule.toml` names and the program lacks.
 
 use std::{collections::BTreeSet, rc::Rc};
 
 use crate::{
-    Config, Flaw, Function, Image, Instruction, Loop, Operation, Program, Region, Rule,
+    Config, Flaw, Function, Image, Instruction, Loop, Operation, Program, Region, Rule, busy_waits,
     config::{Startup, Watchdog, is_named},
+    loops,
     system::misconfigured,
-    waits,
 };
 
 /// `IWDG_KR`, which starts and feeds the watchdog: RM0090 21.4.1.
@@ -22,12 +22,12 @@ const IWDG_KR: u32 = 0x4000_3000;
 struct Effect<'a> {
     block: usize,
     address: u32,
-    /// What it calls.
+    /// Its callee.
     called: Option<u32>,
     instruction: &'a Instruction,
 }
 
-/// What is wrong with the order of the initialisation, and with the watchdog.
+/// The flaws of the order of the initialisation, and of the watchdog.
 pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     let startup = config.startup.iter();
     let startup = startup.flat_map(|startup| of_startup(program, startup));
@@ -35,7 +35,7 @@ pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     let watchdog = watchdog.flat_map(|watchdog| of_watchdog(program, watchdog));
     let mut flaws: Vec<_> = startup.chain(watchdog).collect();
     flaws.extend(missing(program, config));
-    flaws.extend(strangers(program, config));
+    flaws.extend(missing_functions(program, config));
     flaws
 }
 
@@ -63,11 +63,15 @@ fn missing(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
 }
 
 /// Functions that the two tables name for every program, and this one lacks.
-fn strangers(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
-    let before = { config.startup.iter() }
+fn missing_functions(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
+    let before = config
+        .startup
+        .iter()
         .flat_map(|startup| &startup.before)
         .map(|name| ("`before` of [startup]", name));
-    let unfed = { config.watchdog.iter() }
+    let unfed = config
+        .watchdog
+        .iter()
         .flat_map(|watchdog| &watchdog.unfed)
         .filter(|unfed| unfed.only.is_none())
         .map(|unfed| ("a `[[watchdog.unfed]]`", &unfed.function));
@@ -76,8 +80,8 @@ fn strangers(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
         return Vec::new();
     }
     let names = names(program);
-    let strangers = named.filter(|(_, name)| !names.iter().any(|full| is_named(full, name)));
-    let flaws = strangers.map(|(list, name)| {
+    let missing = named.filter(|(_, name)| !names.iter().any(|full| is_named(full, name)));
+    let flaws = missing.map(|(list, name)| {
         misconfigured(
             format!("{list} names `{name}`, which is no function of the program"),
             "Correct the name, take it out, or say which programs have it.",
@@ -121,7 +125,10 @@ fn of_startup(program: &Program<'_>, startup: &Startup) -> Vec<Flaw> {
     let mut flaws: Vec<_> = pairs
         .filter_map(|(one, other)| order.pair(one, other))
         .collect();
-    let before = { startup.before.iter() }.chain(startup.before_of.values().flatten());
+    let before = startup
+        .before
+        .iter()
+        .chain(startup.before_of.values().flatten());
     flaws.extend(order.before(&startup.safe, &before.collect::<Vec<_>>()));
     flaws
 }
@@ -164,13 +171,13 @@ impl Order<'_> {
     /// Whether an effect is one of a function, inlined or called.
     fn is_of(&self, effect: &Effect<'_>, name: &str) -> bool {
         let frames = self.image.frames(effect.address);
-        { frames.iter() }.any(|frame| is_named(&frame.function, name))
+        frames.iter().any(|frame| is_named(&frame.function, name))
             || effect
                 .called
                 .is_some_and(|called| is_named(&self.image.name(called), name))
     }
 
-    /// What is wrong with one function that must be over before another one begins.
+    /// The flaw of two functions of which the first must have ended before the second begins.
     fn pair(&self, one: &str, other: &str) -> Option<Flaw> {
         let of = |name: &str| -> Vec<usize> {
             let all = self.effects.iter().enumerate();
@@ -226,7 +233,7 @@ impl Order<'_> {
         })
     }
 
-    /// Whether there is a way to an effect from behind another, or from the beginning, that avoids some.
+    /// Whether a path leads to an effect from another, or from the beginning, and avoids some.
     fn is_reached(
         &self,
         from: Option<usize>,
@@ -274,7 +281,7 @@ fn of_watchdog(program: &Program<'_>, watchdog: &Watchdog) -> Vec<Flaw> {
     let mut flaws = Vec::new();
     let mut fed = 0;
     for function in program.functions().values() {
-        for one in { function.loops.iter() }.filter(|one| may_last(function, one)) {
+        for one in function.loops.iter().filter(|one| may_last(function, one)) {
             let is_fed = feeds(function, one, watchdog);
             fed += u32::from(is_fed);
             let head = function.blocks[one.head].start();
@@ -299,15 +306,18 @@ fn of_watchdog(program: &Program<'_>, watchdog: &Watchdog) -> Vec<Flaw> {
     flaws
 }
 
-/// Whether the watchdog is fed in each round of a loop.
+/// Whether the watchdog is fed in each iteration of a loop.
 pub(crate) fn feeds(function: &Function, one: &Loop, watchdog: &Watchdog) -> bool {
-    let feeds: BTreeSet<u32> = { function.stores.iter() }
+    let feeds: BTreeSet<u32> = function
+        .stores
+        .iter()
         .filter(|store| store.to == Some(watchdog.key) && store.value == Some(watchdog.feed))
         .map(|store| store.at)
         .collect();
     one.blocks.iter().any(|&block| {
         let mut own = function.blocks[block].instructions.iter();
-        own.any(|it| feeds.contains(&it.address)) && waits::is_on_each_way(function, one, block)
+        own.any(|it| feeds.contains(&it.address))
+            && loops::is_on_every_path(function, one, &BTreeSet::from([block]))
     })
 }
 
@@ -322,7 +332,7 @@ fn may_last(function: &Function, one: &Loop) -> bool {
         let mut own = function.blocks[block].instructions.iter();
         own.any(|it| it.operation == Operation::Wait)
     });
-    !has_end || sleeps || waits::polls(function, one)
+    !has_end || sleeps || busy_waits::polls(function, one)
 }
 
 fn is_excused(image: &Image, watchdog: &Watchdog, head: u32, name: &str) -> bool {

@@ -1,49 +1,50 @@
 //! Runs that may come instead of units of work: `[substitution]` of `schedule.toml`.
 //!
 //! Runs of a row come at their rate, and units of work in them at theirs. Where fewer units come
-//! than that rate allows, more runs may: in any window, one for so many units. If one such run
-//! costs no more than these units, and what comes with it no more than what comes with them, no window
-//! demands more than one in which both come at their rates, and whatever is proven of that one holds.
+//! than that rate allows, more runs may: in any window, one for so many units. Let one such run
+//! cost no more than these units, and the runs that come with it no more than the runs that come
+//! with these units. Then no window demands more than a window in which runs and units come at
+//! their rates, and every proof for the latter holds.
 //!
-//! Each of the two by itself: the row is ahead of what comes with its runs, so a window may have the
-//! runs of one stretch of time and what came with those of another.
+//! Each of the two comparisons holds by itself: the row is ahead of the runs that come with its
+//! runs, so a window may have the runs of one stretch of time and the accompanying runs of another.
 //!
-//! That is said of a sum: so much for each run and each unit, wherever in the window it falls.
+//! The argument needs a demand that is a sum: a cost for each run and each unit, wherever in the window it falls.
 
 use std::collections::BTreeMap;
 
 use crate::{Point, row_demand::RowDemand, system::System};
 
-/// What is substituted at one step rate and baud rate.
+/// A substitution at one step rate and baud rate.
 #[derive(Debug, Clone)]
 pub(crate) struct Substitution {
-    /// The row, and that of its runs which come instead of units.
+    /// The row, and the row of its runs that replace units.
     row: usize,
     kind: usize,
     /// Units for one run.
     units: u64,
-    /// Units that a window may have beside those of whole runs.
+    /// Units that a window may have beyond the units of its whole runs.
     rounding: u64,
     /// Runs of other rows that come with a run, and with a unit.
     with_run: BTreeMap<usize, u64>,
     with_unit: BTreeMap<usize, u64>,
 }
 
-/// What a substituted run costs.
+/// The cost of a substituted run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct SubstitutionCost {
-    /// How many units that is.
+    /// The equivalent number of units.
     pub(crate) units: f64,
-    /// What the window pays for units that rounding adds, cycles.
+    /// The cost of the units that rounding adds to a window, cycles.
     pub(crate) once: u64,
 }
 
 impl Substitution {
-    /// What `schedule.toml` says; nothing without a substitution, or where its rows are not known.
+    /// The substitution of `schedule.toml`; empty without one, or where its rows are not known.
     ///
-    /// Twice, as rounding can be counted in two ways, either of which is safe: a window has so many
-    /// units more; or, as that matters only where there is a run more, the first of these comes for so
-    /// many units fewer.
+    /// Two substitutions are returned, since rounding can be counted in two ways, each of which is
+    /// safe: a window has more units; or, as rounding matters only where there is a run more, the
+    /// first such run replaces fewer units.
     ///
     /// # Errors
     ///
@@ -94,7 +95,7 @@ impl Substitution {
         own.is_none() || own == regime
     }
 
-    /// The rows with what rounding adds to those of which runs come with units.
+    /// The rows with the runs that rounding adds.
     pub(crate) fn rounded(&self, row_demands: &[RowDemand]) -> Vec<RowDemand> {
         let rounded = row_demands.iter().map(|it| {
             let runs = self.rounding * self.with_unit.get(&it.row).unwrap_or(&0);
@@ -103,9 +104,9 @@ impl Substitution {
         rounded.collect()
     }
 
-    /// What a run costs in a window of these rows, by what the parts of a row cost there; `None` where
-    /// it costs more than the units that it comes for, or what comes with it more than what comes with
-    /// them.
+    /// Returns the cost of a run in a window of these rows, from the costs of the parts of each
+    /// row. `None`: the run costs more than the units that it replaces, or the runs that come with
+    /// it cost more than the runs that come with the units.
     pub(crate) fn cost(
         &self,
         rows: &[&RowDemand],
@@ -138,8 +139,8 @@ mod tests {
     use proptest::prelude::*;
     use std::rc::Rc;
 
-    /// Runs that come each 700 cycles but for some that come sooner, and units each 10; a run is worth
-    /// `PRICE` of them, and a segment of runs may have one unit more than its share.
+    /// Runs come each 700 cycles, and some sooner; units come each 10 cycles. A run is worth
+    /// `PRICE` units, and the runs of a segment may have one unit more than their share.
     const MEAN: f64 = 700.0;
     const SAVED: f64 = 3.0;
     const EACH: f64 = 10.0;

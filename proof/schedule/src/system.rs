@@ -1,4 +1,4 @@
-//! What is analysed: the program, the application, the file `schedule.toml`, brought together.
+//! The analysed system: the program, the application and `schedule.toml`, brought together.
 
 use std::{
     cell::RefCell,
@@ -26,7 +26,7 @@ pub(crate) struct Row {
     pub(crate) task: AppTask,
     /// Its handler.
     pub(crate) root: u32,
-    /// That, and what else vectors call which call it.
+    /// The handler, and the handlers in other vectors that call it.
     entries: Vec<u32>,
     /// Functions that are not called in it.
     pub(crate) excluded: BTreeSet<u32>,
@@ -37,7 +37,7 @@ pub(crate) struct Row {
 }
 
 impl Row {
-    /// What vectors call: its handler, and what calls that.
+    /// The handlers in vectors: the task's own, and the callers of the task.
     pub(crate) fn entries(&self) -> &[u32] {
         &self.entries
     }
@@ -67,7 +67,7 @@ pub(crate) struct Times {
     exclusive_with: Vec<String>,
 }
 
-/// What a row costs.
+/// The cost of a row.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Cost {
     /// `cold` is 0 where the cache does not hold the row's code.
@@ -97,7 +97,7 @@ pub(crate) struct System<'a> {
     used: Vec<BTreeSet<String>>,
     /// Costs by row and the values of the bounds that it uses.
     costs: RefCell<BTreeMap<Key, Option<Rc<Cost>>>>,
-    /// The same with persistent loops, the rows whose lines stay beside theirs, and the most lines that
+    /// The same with persistent loops, the rows whose lines stay in the cache, and the most lines that
     /// a visit loads.
     persistent_costs: RefCell<BTreeMap<PersistentKey, Option<(PersistentCost, u64)>>>,
 }
@@ -231,7 +231,10 @@ impl<'a> System<'a> {
         let Some(substitution) = &self.config.substitution else {
             return;
         };
-        let of = { self.rows.iter() }.position(|row| row.name == substitution.row);
+        let of = self
+            .rows
+            .iter()
+            .position(|row| row.name == substitution.row);
         let with = substitution
             .with_run
             .keys()
@@ -319,7 +322,7 @@ impl<'a> System<'a> {
         }
     }
 
-    /// What a row costs with these values of the named bounds; `None`: that has no bound.
+    /// The cost of a row with these values of the named bounds; `None`: no bound.
     pub(crate) fn cost(&self, row: usize, named: &BTreeMap<String, u64>) -> Option<Rc<Cost>> {
         let values = self.used[row]
             .iter()
@@ -333,24 +336,24 @@ impl<'a> System<'a> {
         cost
     }
 
-    /// What a row costs with persistent loops beside the code of other rows, and how many lines one
+    /// The cost of a row with persistent loops and resident code of other rows, and how many lines one
     /// of their visits loads at most.
     pub(crate) fn persistent_cost(
         &self,
         row: usize,
         named: &BTreeMap<String, u64>,
-        beside: &ResidentTasks,
+        resident: &ResidentTasks,
     ) -> Option<(PersistentCost, u64)> {
         let values = self.used[row]
             .iter()
             .map(|name| named.get(name).copied().unwrap_or(u64::MAX));
-        let key = (row, values.collect(), beside.rows.clone(), beside.share);
+        let key = (row, values.collect(), resident.rows.clone(), resident.share);
         if let Some(known) = self.persistent_costs.borrow().get(&key) {
             return *known;
         }
         let mut wcets = self.wcets(&self.rows[row], named);
-        wcets.beside.clone_from(&beside.lines);
-        wcets.share = beside.share;
+        wcets.resident_lines.clone_from(&resident.lines);
+        wcets.share = resident.share;
         let cost = self.compute_persistent_cost(&self.rows[row], &wcets);
         self.persistent_costs.borrow_mut().insert(key, cost);
         cost

@@ -1,17 +1,21 @@
-//! What registers and stack slots hold: constants, distances from one another, kinds of memory.
+//! The abstract values of registers and stack slots: constants, distances, kinds of memory.
 //!
-//! Assumed of the program, because it is memory-safe Rust: a pointer is made from another by adding
-//! to it, and stays in its memory; small integers are not addresses; what a function keeps in its
-//! frame changes only through pointers into that frame, each of which reaches what lies above it; a
-//! pointer that is replaced through a pointer kept in memory, or in a static by its address, is
-//! replaced by one into the same kind of memory. (That an `enum` has one of its values is assumed
-//! too, where a jump table would lead to a trap.)
+//! The analysis assumes a memory-safe Rust program:
+//!
+//! * a pointer is made from another by adding to it, and stays in the memory of the other;
+//! * small integers are not addresses;
+//! * a slot of a function's frame changes only through pointers into the frame, each of which reaches
+//!   the memory above it;
+//! * a pointer that is replaced through a pointer kept in memory, or in a static by its address, is
+//!   replaced by a pointer into the same kind of memory;
+//! * an `enum` has one of its values, where a jump table would lead to a trap.
+//!
 //! `--replay` checks the outcome.
 
-mod execute;
 mod flags;
 mod memory;
 mod state;
+mod transfer;
 
 pub(crate) use flags::Flags;
 pub(crate) use memory::{sources, targets};
@@ -61,16 +65,16 @@ impl Region {
 pub(crate) enum Base {
     /// The stack pointer where the function begins.
     Stack,
-    /// What this register holds where the function begins.
+    /// The value of this register where the function begins.
     Entry(u8),
-    /// What the instruction at this address wrote to this register when it was executed last.
+    /// The last value that the instruction at this address wrote to this register.
     Written(u32, u8),
-    /// The word so many bytes behind what this register holds where the function begins, when it
+    /// The word at an offset from the value that this register has where the function begins, when it
     /// was loaded last.
-    Behind(u8, i32),
+    LoadedFrom(u8, i32),
 }
 
-/// What is known of a value.
+/// An abstract value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Value {
     Constant(u32),
@@ -121,7 +125,7 @@ impl Value {
         Self::In { region, origins }
     }
 
-    /// What it may be made from.
+    /// The pointers from which the value may be made.
     pub(crate) const fn origins(self) -> Origins {
         match self {
             Self::Constant(_) => Origins::NONE,
@@ -129,7 +133,7 @@ impl Value {
             Self::From { base, .. } => match base {
                 Base::Stack => Origins::FRAME,
                 Base::Entry(register) => Origins::argument(register),
-                Base::Written(..) | Base::Behind(..) => Origins::NONE,
+                Base::Written(..) | Base::LoadedFrom(..) => Origins::NONE,
             },
         }
     }
@@ -149,8 +153,8 @@ impl Value {
         }
     }
 
-    /// Where it is behind what the function was called with in a register: which, and how far.
-    pub(crate) const fn behind_argument(self) -> Option<(u8, i32)> {
+    /// The argument register to which the address is relative, and the offset.
+    pub(crate) const fn argument_offset(self) -> Option<(u8, i32)> {
         match self {
             Self::From {
                 base: Base::Entry(register),
@@ -161,9 +165,9 @@ impl Value {
         }
     }
 
-    /// Whether it is what was loaded from behind an argument, so far.
-    pub(crate) fn is_from_behind(self, register: u8, distance: i32) -> bool {
-        let place = Base::Behind(register, distance);
+    /// Whether the value was loaded from this offset of an argument.
+    pub(crate) fn is_loaded_from_argument(self, register: u8, distance: i32) -> bool {
+        let place = Base::LoadedFrom(register, distance);
         matches!(self, Self::From { base, offset: 0, .. } if base == place)
     }
 
@@ -183,7 +187,7 @@ impl Value {
         matches!(self, Self::Constant(0..FIRST_MEMORY))
     }
 
-    /// What holds whichever of the two it is.
+    /// The join of both values.
     pub(crate) fn join(self, other: Self) -> Self {
         if self == other {
             return self;

@@ -1,9 +1,9 @@
 //! Worst-case execution times of functions, those that they call included.
 //!
 //! Callees first; a callee costs the same wherever it is called. Loops that are bounded over a whole
-//! activation (`// wcet-total`) are kept separate until the task is known: each costs its longest round
-//! so often, on top of the path without those rounds. Those whose total has the same name share one
-//! budget: the dearest round of them all counts.
+//! activation (`// wcet-total`) are kept separate until the task is known: each costs its longest iteration
+//! so often, on top of the path without these iterations. Those whose total has the same name share one
+//! budget: the most expensive iteration of them all counts.
 
 use std::{
     cell::RefCell,
@@ -13,24 +13,25 @@ use std::{
 
 use crate::{
     Block, Cache, Count, Function, Instruction, Loop, Model, Region,
-    budget::{Budget, Budgets, CALLS, Open, add_open, budget, is_on_each_way},
+    budget::{Budget, Budgets, CALLS, Open, add_open, budget},
+    loops::is_on_every_path,
     model::{self, CACHE_LINES},
-    paths::{Graph, Longest, Rounds},
+    paths::{Graph, Longest, LoopPaths},
     persistence::{PersistentLoops, Share},
 };
 
 /// Functions by their addresses.
 pub type Functions = BTreeMap<u32, Function>;
-/// What a function costs.
+/// The cost of a function.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Bound {
-    /// Cycles of the longest path, without the rounds of `open`.
+    /// Cycles of the longest path, without the iterations of `open`.
     pub(crate) path: u64,
     /// Loops bounded over the activation.
     pub(crate) open: Budgets,
-    /// How often each block is executed on that path, and in the longest round of each open loop.
+    /// How often each block is executed on that path, and in the longest iteration of each open loop.
     counts: Vec<u64>,
-    rounds: BTreeMap<usize, Vec<u64>>,
+    iterations: BTreeMap<usize, Vec<u64>>,
 }
 
 impl Bound {
@@ -53,12 +54,12 @@ pub(crate) struct Wcets<'a> {
     pub(crate) excluded: BTreeSet<u32>,
     /// Functions that are called at most so often in one activation, when the number is known.
     pub(crate) limited: BTreeMap<u32, Option<u64>>,
-    /// Lines that are used besides while a loop is persistent in the cache: of the tasks that
-    /// preempt it.
-    pub(crate) beside: BTreeSet<u32>,
-    /// What code outside of such loops costs these.
+    /// Lines that stay in the cache together with a persistent loop: the lines of the tasks that
+    /// preempt the loop.
+    pub(crate) resident_lines: BTreeSet<u32>,
+    /// The share by which code outside of such loops pays for these lines.
     pub(crate) share: Share,
-    /// Named bounds that are looked at with several values.
+    /// Named bounds that are evaluated with several values.
     pub(crate) varied: BTreeSet<String>,
     bounds: RefCell<Bounds>,
     loops: RefCell<HashMap<u32, Rc<PersistentLoops>>>,
@@ -78,7 +79,7 @@ impl<'a> Wcets<'a> {
             named,
             excluded,
             limited: BTreeMap::new(),
-            beside: BTreeSet::new(),
+            resident_lines: BTreeSet::new(),
             share: Share::default(),
             varied: BTreeSet::new(),
             bounds: RefCell::default(),
@@ -87,8 +88,8 @@ impl<'a> Wcets<'a> {
         }
     }
 
-    /// Functions that a root calls, directly or not, itself included, but not those that never
-    /// come back.
+    /// The functions that a root calls, directly or not, with the root itself, but without
+    /// functions that never return.
     pub(crate) fn reach(&self, root: u32) -> BTreeSet<u32> {
         let mut reached = BTreeSet::from([root]);
         let mut work = vec![root];
@@ -104,7 +105,7 @@ impl<'a> Wcets<'a> {
         reached
     }
 
-    /// What a function costs with a warm cache or without one; `None` when that has no bound.
+    /// The cost of a function with a warm cache or without one; `None`: no bound.
     pub(crate) fn bound(&self, address: u32, cache: Cache) -> Option<Rc<Bound>> {
         let cache = if cache == Cache::Cold {
             Cache::Warm
@@ -114,7 +115,7 @@ impl<'a> Wcets<'a> {
         if let Some(known) = self.bounds.borrow().get(&(address, cache)) {
             return known.clone();
         }
-        // A function that calls itself finds that it has no bound.
+        // A recursive function finds no bound for itself.
         self.bounds.borrow_mut().insert((address, cache), None);
         let bound = self.compute(address, cache).map(Rc::new);
         self.bounds
@@ -129,14 +130,16 @@ impl<'a> Wcets<'a> {
         let graph = self.graph(function, cache, &mut bound.open, |_| true)?;
         let longest = graph.longest()?;
         bound.path = longest.cost + self.first_fetch(function, cache);
-        add_rounds(&mut bound.open, function, &graph, &longest);
-        let rounds = longest.rounds.into_iter();
-        bound.rounds = rounds.map(|(head, (_, counts))| (head, counts)).collect();
+        add_iterations(&mut bound.open, function, &graph, &longest);
+        let iterations = longest.iterations.into_iter();
+        bound.iterations = iterations
+            .map(|(head, (_, counts))| (head, counts))
+            .collect();
         bound.counts = longest.counts;
         Some(bound)
     }
 
-    /// What fetching the first block costs.
+    /// The cost of fetching the first block.
     fn first_fetch(&self, function: &Function, cache: Cache) -> u64 {
         match cache {
             Cache::Warm | Cache::Cold => 0,
@@ -146,7 +149,7 @@ impl<'a> Wcets<'a> {
                 .map_or(0, |block| self.fetches(block)),
             Cache::Loops | Cache::Shared => {
                 let persistent = self.persistent_loops(function);
-                self.way(function, &persistent, cache, None, 0, false)
+                self.edge_cost(function, &persistent, cache, None, 0, false)
             }
         }
     }
@@ -163,8 +166,8 @@ impl<'a> Wcets<'a> {
         persistent
     }
 
-    /// What the way into a block costs apart from the block, with persistent loops.
-    fn way(
+    /// The cost of the edge into a block, without the block, with persistent loops.
+    fn edge_cost(
         &self,
         function: &Function,
         persistent: &PersistentLoops,
@@ -234,7 +237,7 @@ impl<'a> Wcets<'a> {
             let edges = edges.filter(|edge| !is_out && is_wanted(edge.to));
             let edges = edges.map(|edge| {
                 if let Some(persistent) = &persistent {
-                    let way = self.way(
+                    let cost = self.edge_cost(
                         function,
                         persistent,
                         cache,
@@ -242,7 +245,7 @@ impl<'a> Wcets<'a> {
                         edge.to,
                         edge.is_taken,
                     );
-                    return (edge.to, way);
+                    return (edge.to, cost);
                 }
                 let mut cost = if edge.is_taken {
                     self.model.refill()
@@ -268,12 +271,12 @@ impl<'a> Wcets<'a> {
         let mut loops: Vec<&Loop> = function.loops.iter().filter(is_closed).collect();
         loops.sort_by_key(|looped| looped.blocks.len());
         for looped in loops {
-            graph.rounds.push(self.rounds(function, looped)?);
+            graph.loops.push(self.loop_paths(function, looped)?);
         }
         Some(graph)
     }
 
-    fn rounds(&self, function: &Function, looped: &Loop) -> Option<Rounds> {
+    fn loop_paths(&self, function: &Function, looped: &Loop) -> Option<LoopPaths> {
         let total = looped.total.as_ref().map(|total| self.number(&total.count));
         let bound = looped.bound.as_ref().map(|bound| self.number(&bound.count));
         let (total, most) = match (total, bound) {
@@ -283,8 +286,8 @@ impl<'a> Wcets<'a> {
         };
         let blocks = 0..function.blocks.len();
         let in_runs = looped.total.as_ref().map(|total| &total.in_runs);
-        let in_runs = in_runs.filter(|in_runs| is_on_each_way(function, looped, in_runs));
-        Some(Rounds {
+        let in_runs = in_runs.filter(|in_runs| is_on_every_path(function, looped, in_runs));
+        Some(LoopPaths {
             head: looped.head,
             blocks: blocks.map(|block| looped.blocks.contains(&block)).collect(),
             most,
@@ -339,7 +342,7 @@ impl<'a> Wcets<'a> {
         self.model.cycles(at, region.unwrap_or(Region::Unknown))
     }
 
-    /// Lines that a function touches, with what it calls.
+    /// Lines of a function and its callees.
     pub(crate) fn lines(&self, address: u32) -> Rc<BTreeSet<u32>> {
         if let Some(known) = self.touched.borrow().get(&address) {
             return known.clone();
@@ -355,7 +358,7 @@ impl<'a> Wcets<'a> {
         lines
     }
 
-    /// What a task's function costs from a cold cache, if the cache holds all of it: each line is
+    /// The cost of a task's function from a cold cache, if the cache holds all of it: each line is
     /// missed once.
     pub(crate) fn cold(&self, address: u32) -> Option<u64> {
         let lines = self.lines(address).len();
@@ -366,8 +369,8 @@ impl<'a> Wcets<'a> {
         Some(warm + lines as u64 * self.model.miss())
     }
 
-    /// Cycles of the longest path through a graph from a block, with the rounds that it and those
-    /// that it calls, in `open`, have for the whole of it.
+    /// Cycles of the longest path through a graph from a block, with the iterations of all loops
+    /// that are bounded over a whole activation: the graph's own and its callees', in `open`.
     pub(crate) fn longest(
         function: &Function,
         graph: &Graph,
@@ -375,11 +378,11 @@ impl<'a> Wcets<'a> {
         mut open: Budgets,
     ) -> Option<u64> {
         let longest = graph.longest_from(source)?;
-        add_rounds(&mut open, function, graph, &longest);
+        add_iterations(&mut open, function, graph, &longest);
         Some(longest.cost + open.values().map(Open::cycles).sum::<u64>())
     }
 
-    /// Lines of each block, with those of what it calls.
+    /// Lines of each block and its callees.
     pub(crate) fn touched_by_blocks(&self, function: &Function) -> Vec<BTreeSet<u32>> {
         let blocks = function.blocks.iter().map(|block| {
             let mut lines: BTreeSet<u32> = model::lines(block).collect();
@@ -393,39 +396,39 @@ impl<'a> Wcets<'a> {
     }
 
     /// How often each block of each function is executed on the worst path of a root.
-    pub(crate) fn executions(&self, root: u32, cache: Cache) -> BTreeMap<(u32, usize), u64> {
-        let mut executions = BTreeMap::new();
+    pub(crate) fn block_counts(&self, root: u32, cache: Cache) -> BTreeMap<(u32, usize), u64> {
+        let mut block_counts = BTreeMap::new();
         let Some(bound) = self.bound(root, cache) else {
-            return executions;
+            return block_counts;
         };
-        self.count(root, cache, 1, None, &mut executions);
+        self.count(root, cache, 1, None, &mut block_counts);
         for one in bound.open.values() {
             let (address, head) = one.place;
-            let round = Some(head).filter(|head| *head != CALLS);
-            self.count(address, cache, one.times, round, &mut executions);
+            let iteration_of = Some(head).filter(|head| *head != CALLS);
+            self.count(address, cache, one.times, iteration_of, &mut block_counts);
         }
-        executions
+        block_counts
     }
 
-    /// Counts a path of a function so many times: the longest, or the longest round of a loop.
+    /// Counts a path of a function so many times: the longest, or the longest iteration of a loop.
     fn count(
         &self,
         address: u32,
         cache: Cache,
         times: u64,
-        round: Option<usize>,
-        executions: &mut BTreeMap<(u32, usize), u64>,
+        iteration_of: Option<usize>,
+        block_counts: &mut BTreeMap<(u32, usize), u64>,
     ) {
         let Some(bound) = self.bound(address, cache) else {
             return;
         };
-        let counts = match round {
+        let counts = match iteration_of {
             None => Some(&bound.counts),
-            Some(head) => bound.rounds.get(&head),
+            Some(head) => bound.iterations.get(&head),
         };
         let counts = counts.into_iter().flatten().enumerate();
         for (block, count) in counts.filter(|(_, count)| **count > 0) {
-            *executions.entry((address, block)).or_default() += times * count;
+            *block_counts.entry((address, block)).or_default() += times * count;
             let function = self.functions.get(&address);
             let block = function.and_then(|function| function.blocks.get(block));
             let call = block
@@ -434,7 +437,7 @@ impl<'a> Wcets<'a> {
             let is_counted =
                 |call: &u32| !self.excluded.contains(call) && !self.limited.contains_key(call);
             if let Some(call) = call.filter(is_counted) {
-                self.count(call, cache, times * count, None, executions);
+                self.count(call, cache, times * count, None, block_counts);
             }
         }
     }
@@ -464,11 +467,11 @@ impl<'a> Wcets<'a> {
 }
 
 /// Adds the loops of a graph that are bounded over the activation.
-fn add_rounds(open: &mut Budgets, function: &Function, graph: &Graph, longest: &Longest) {
-    for (head, (cost, _)) in &longest.rounds {
-        let found = graph.rounds.iter().find(|rounds| rounds.head == *head);
+fn add_iterations(open: &mut Budgets, function: &Function, graph: &Graph, longest: &Longest) {
+    for (head, (cost, _)) in &longest.iterations {
+        let found = graph.loops.iter().find(|it| it.head == *head);
         let one = Open {
-            times: found.and_then(|rounds| rounds.total).unwrap_or(0),
+            times: found.and_then(|it| it.total).unwrap_or(0),
             cost: *cost,
             place: (function.address, *head),
         };
@@ -497,7 +500,7 @@ mod tests {
             .map(|bound| bound.cycles())
     }
 
-    /// `f` calls `g` in a loop of ten rounds; `g` has a loop of its own.
+    /// `f` calls `g` in a loop of ten iterations; `g` has a loop of its own.
     fn caller(total: Option<Count>) -> Functions {
         let mut outer = testing::function(&[(4, &[1]), (2, &[1, 2]), (3, &[])]);
         outer.loops = vec![testing::counted(1, &[1], &[1], 10)];
@@ -536,7 +539,7 @@ mod tests {
     #[test]
     fn loops_that_name_a_total_share_it() {
         let mut functions = caller(Some(Count::Named("pulses".to_owned())));
-        // A round of the callee costs 7 + 3.
+        // An iteration of the callee costs 7 + 3.
         let total = functions[&0x0900_0000].loops[0].total.clone();
         functions.get_mut(&0x0800_0000).unwrap().loops[0].total = total;
         let callee = 5 + 1 + 3;
@@ -548,11 +551,11 @@ mod tests {
     fn an_excluded_function_is_never_called() {
         let mut functions = caller(None);
         let outer = functions.get_mut(&0x0800_0000).unwrap();
-        let way = Edge {
+        let edge = Edge {
             to: 2,
             is_taken: false,
         };
-        outer.blocks[0].successors.push(way);
+        outer.blocks[0].successors.push(edge);
         assert_eq!(bound(&functions, &[], &[0x0900_0000]), Some(4 + 3 + 3));
     }
 
@@ -578,7 +581,7 @@ mod tests {
         let uncached = wcets.bound(0x0900_0000, Cache::Uncached).unwrap().cycles();
         // Blocks of 10, 14 and 2 bytes, with 12 bytes fetched ahead: two, two and one line.
         assert_eq!(uncached, warm + 5 * (2 + 4 * 2 + 1));
-        let executions = wcets.executions(0x0800_0000, Cache::Warm);
-        assert_eq!(executions[&(0x0900_0000, 1)], 44);
+        let block_counts = wcets.block_counts(0x0800_0000, Cache::Warm);
+        assert_eq!(block_counts[&(0x0900_0000, 1)], 44);
     }
 }

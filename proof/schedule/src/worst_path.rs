@@ -7,10 +7,10 @@ use crate::{
     system::{Row, System},
 };
 
-/// Lines that are told.
+/// Most lines that are listed.
 const MOST_LINES: usize = 40;
 
-/// The lines of a row's worst path with such a cache, the dearest first; none where it has no deadline.
+/// The lines of a row's worst path with such a cache, the costliest first; none where it has no deadline.
 pub(crate) fn of(
     system: &System<'_>,
     row: &Row,
@@ -22,7 +22,7 @@ pub(crate) fn of(
     }
     let wcets = system.wcets(row, named);
     let mut lines: BTreeMap<(String, u32, String), (u64, u64)> = BTreeMap::new();
-    for ((address, block), count) in wcets.executions(row.root, cache) {
+    for ((address, block), count) in wcets.block_counts(row.root, cache) {
         let Some(function) = system.program.function(address) else {
             continue;
         };

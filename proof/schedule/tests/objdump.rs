@@ -48,7 +48,7 @@ fn decoder_agrees_with_llvm_objdump() {
     println!("{checked} instructions agree");
 }
 
-/// What the decoder says otherwise.
+/// The differences of the decoder.
 fn compare(lines: &[Line]) -> Vec<String> {
     let mut decoder = Decoder::new();
     let mut end = 0;
@@ -66,7 +66,7 @@ fn compare(lines: &[Line]) -> Vec<String> {
     differences
 }
 
-/// That of Rust's tools, or the system's.
+/// The disassembler of Rust's tools, or the system's.
 fn objdump() -> Option<PathBuf> {
     let host = env::consts::ARCH;
     let folder = support::sysroot()?.join("lib/rustlib");

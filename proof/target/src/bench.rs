@@ -2,9 +2,9 @@
 //!
 //! The firmware itself runs in QEMU, is fed over its serial line, and a plugin (`proof/cost`)
 //! charges every executed instruction to the exception handler it belongs to. A task is a handler;
-//! what preempts it is not in its cost, and 24 cycles for entry and exit are. Not counted: what
-//! runs outside handlers (initialisation, idling), the handler that stands for the step timer, and
-//! what the workload's settings cost, which a run without the program tells.
+//! what preempts it is not in its cost, and 24 cycles for entry and exit are. Not counted: code
+//! outside of handlers (initialisation, idling), the handler that stands for the step timer, and
+//! the cost of the workload's settings, which is measured in a run without the program.
 
 mod emulator;
 mod figures;

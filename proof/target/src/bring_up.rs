@@ -1,7 +1,7 @@
 //! `cargo xtask bring-up`: whether a board is what the firmware counts on.
 //!
 //! The program is `tests/target_bring_up.rs`, which measures and says facts; [`checks`] judges them. The report
-//! is `bring-up/BOARD-NUMBER.json`, with the number that no other chip has, and a page beside it.
+//! is `bring-up/BOARD-NUMBER.json`, with the unique number of the chip, and a page with the same name.
 
 mod checks;
 mod emulated;
@@ -37,7 +37,7 @@ use crate::{flash, on_target};
 
 /// The program.
 const TEST: &str = "target_bring_up";
-/// The table of vectors, and the end of the statics, behind which the guard of the stack is.
+/// The table of vectors, and the end of the statics, after which the guard of the stack lies.
 const VECTORS: &str = "__vector_table";
 const STATICS_END: &str = "__sheap";
 /// The beginning and the end of variables with a value in RAM, and where their values are in the flash, as the last
@@ -89,7 +89,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     )))
 }
 
-/// Returns the address behind the program in the flash.
+/// Returns the address after the program in the flash.
 fn image_end(elf: &Path) -> Result<u64> {
     let [start, end, values] = DATA_SYMBOLS.map(|name| target::emulator::symbol(elf, name));
     Ok(values? + (end? - start?))
@@ -174,7 +174,7 @@ fn write(report: &Report) -> Result<[PathBuf; 2]> {
 /// Parts that the emulator leaves open: the others must pass there.
 const OPEN_IN_QEMU: usize = 40;
 
-/// What the emulator can show is as it must be.
+/// Every fact that the emulator can measure passes.
 pub(crate) fn check() -> Result<check::Verdict> {
     let (board, _) = firmware::boards::emulated()?;
     let elf = on_target::build(&board, TEST)?;
@@ -205,8 +205,8 @@ pub(crate) fn check() -> Result<check::Verdict> {
     Ok(check::Verdict::Counted(format!("{passed} parts passed")))
 }
 
-/// What fails with a flash that does not erase, a serial line that damages bytes, and without the guard of the
-/// stack.
+/// The checks that fail with a flash that does not erase, with a serial line that damages bytes,
+/// and without the guard of the stack.
 const FAILED_WITH_FLAWS: [&str; 10] = [
     "size of the guard",
     "control of the guard",

@@ -1,7 +1,7 @@
 //! `cargo xtask calibrate`: measures on a board what the timing analysis takes for granted.
 //!
-//! The program is `tests/target_calibrate.rs`; what it measured becomes `calibration/BOARD.toml`,
-//! which `cargo xtask schedule` uses where it is more than the manuals say.
+//! The program is `tests/target_calibrate.rs`; the measurements become `calibration/BOARD.toml`,
+//! which `cargo xtask schedule` uses where a measured cost is above the manuals'.
 
 mod compare;
 mod file;
@@ -122,9 +122,9 @@ mod with_probe {
 
     use super::{Board, Context, Result, TEST, bail, flash, on_target, samples, ui};
 
-    /// Where the channels are told.
+    /// The address of the channels.
     const RTT_SYMBOL: &str = "_SEGGER_RTT";
-    /// What the program calls its channel.
+    /// The name of the program's channel.
     const CHANNEL: &str = "calibrate";
     /// Time for which the probe leaves the chip alone, whose memory it would have to share: the
     /// program measures for less.

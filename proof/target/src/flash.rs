@@ -44,7 +44,8 @@ fn start(board: &Board, _probe: Option<&str>, elf: &Path) -> Result<()> {
 #[cfg(feature = "probe")]
 pub(crate) use with_probe::{need_probe, start};
 
-/// Makes sure that what lies in a file lies in the right place on the chip, as the last before it is written.
+/// Makes sure that the parts of a file lie in the right places on the chip, as the last check
+/// before writing.
 fn check(board: &Board, elf: &Path) -> Result<()> {
     let refused = || format!("{} would not start on the {}", elf.display(), board.title);
     let image = compile::read(elf)?;
@@ -63,7 +64,7 @@ mod with_probe {
 
     use super::{Board, Path, check, ui};
 
-    /// Makes sure that there is a probe, the one that is asked for.
+    /// Makes sure that the requested probe is connected.
     pub(crate) fn need_probe(probe: Option<&str>) -> Result<()> {
         choose(&Lister::new().list_all(), probe).map(|_| ())
     }
@@ -167,12 +168,12 @@ mod tests {
         std::fs::write(&elf, file).unwrap();
         let board = firmware::boards::named("btt-skr-2").unwrap();
         let error = start(&board, None, &elf).err().unwrap();
-        let told = format!("{error:#}");
+        let message = format!("{error:#}");
         assert!(
-            told.contains(
+            message.contains(
                 "8 bytes of the program, 0x08007ff8 to 0x08007fff, lie in the bootloader"
             ),
-            "{told}"
+            "{message}"
         );
     }
 }

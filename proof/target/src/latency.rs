@@ -1,4 +1,4 @@
-//! `cargo xtask latency`: how long tasks wait and take, measured, beside what is proven of them.
+//! `cargo xtask latency`: how long tasks wait and take, measured, with the proven bounds.
 //!
 //! The firmware is built with the feature `trace`: each task with a deadline writes a record of
 //! each of its activations into a ring in memory, which a debugger reads while it runs. On a board
@@ -48,8 +48,8 @@ use crate::flash;
 
 /// How long is measured when nobody says.
 const SECONDS: u64 = 10;
-/// Time between two looks at what has been found so far.
-const LOOK: Duration = Duration::from_millis(500);
+/// Time between two checks of the measurement so far.
+const CHECK_INTERVAL: Duration = Duration::from_millis(500);
 /// How long a firmware may take to start.
 const START_TIMEOUT: Duration = Duration::from_mins(1);
 
@@ -76,7 +76,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     Ok(ExitCode::from(u8::from(outcome.is_refuted())))
 }
 
-/// What the firmware executes.
+/// The workload of the firmware.
 fn chosen_workload(options: &Options) -> Result<Workload> {
     let once = options.file.is_some() && options.seconds.is_none();
     Workload::new(options.file.as_deref(), once)
@@ -135,7 +135,7 @@ fn follow(
     let mut measurement = Measurement::new(channels.tasks(), clock);
     let mut shown = Instant::now();
     loop {
-        // Before the look: what comes until then is in it.
+        // Before the check, which includes all records up to then.
         let over = is_over();
         chip.hold()?;
         let batch = channels.drain(chip)?;
@@ -144,7 +144,7 @@ fn follow(
         if over {
             return Ok(measurement.finish());
         }
-        if shown.elapsed() > LOOK {
+        if shown.elapsed() > CHECK_INTERVAL {
             show(measurement.tasks());
             shown = Instant::now();
         }
@@ -152,7 +152,7 @@ fn follow(
     }
 }
 
-/// What has been found so far, where standard error is a terminal.
+/// Prints the results so far, where standard error is a terminal.
 struct Live(Option<ProgressBar>);
 
 impl Live {

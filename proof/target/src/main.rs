@@ -1,9 +1,9 @@
-//! What has to do with a board, emulated or not: one file for each command.
+//! Commands for a board, emulated or not: one file for each command.
 
-mod agree;
 mod bench;
 mod bring_up;
 mod calibrate;
+mod compare_with_target;
 mod flash;
 mod latency;
 mod on_target;
@@ -22,7 +22,7 @@ fn main() -> ExitCode {
         Verb::Bench(options) => bench::run(&options),
         Verb::BringUp(options) => bring_up::run(&options),
         Verb::Calibrate(options) => calibrate::run(&options),
-        Verb::Check(options) => agree::run(&options),
+        Verb::Check(options) => compare_with_target::run(&options),
         Verb::Flash(options) => flash::run(&options),
         Verb::Latency(options) => latency::run(&options),
         Verb::Qemu(options) => qemu::run(&options),
@@ -33,7 +33,7 @@ fn main() -> ExitCode {
     })
 }
 
-/// What an image says that it is proven for.
+/// The step rate for which an image is proven.
 fn step_rate(elf: &Path) -> Result<StepRate> {
     firmware::image::read(elf).map(StepRate::of_image)
 }

@@ -1,7 +1,7 @@
-//! `cargo xtask schedule --replay`: makes the firmware busy in QEMU while the analysis looks on.
+//! `cargo xtask schedule --replay`: checks the analysis against a busy run in QEMU.
 //!
-//! A plugin of QEMU (`proof/cost`, which hands on to `schedule::replay`) follows every instruction of
-//! the tasks that have deadlines; what it has found is judged by the one who has started this.
+//! A plugin of QEMU (`proof/cost`, which calls `schedule::replay`) follows every instruction of the
+//! tasks with deadlines; the caller judges the result.
 
 mod driver;
 mod workload;

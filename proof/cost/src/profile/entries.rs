@@ -1,4 +1,4 @@
-//! What the profile counts: instructions, tasks, calls.
+//! The entries of the profile: instructions, tasks, calls.
 
 use std::collections::BTreeMap;
 
@@ -29,11 +29,11 @@ pub struct Site {
     pub address: u32,
     /// Its 16-bit halves; the second is 0 when it is a short one.
     pub code: [u16; 2],
-    /// What it costs, by task: index of [`Profile::tasks`].
+    /// Its cost, by task: index of [`Profile::tasks`].
     pub by_task: Vec<Amount>,
     /// The function it belongs to: index of [`Program::functions`].
     pub function: Option<usize>,
-    /// `None` when the decoder does not know it: then it counts as one cycle.
+    /// `None` when the decoder does not know the instruction, which then counts as one cycle.
     pub decoded: Option<Instruction>,
     pub(super) is_handler: bool,
 }
@@ -91,7 +91,7 @@ impl Task {
     }
 }
 
-/// What calls of a function cost, callees included, preemption excluded.
+/// The cost of a function's calls, callees included, preemption excluded.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Calls {
     /// Completed calls.
@@ -107,7 +107,7 @@ pub(super) struct Call {
     pub(super) begin: Amount,
 }
 
-/// The instruction executed last: what follows tells what became of it.
+/// The instruction executed last: the next instruction shows its outcome.
 #[derive(Clone, Copy)]
 pub(super) struct Pending {
     pub(super) site: usize,

@@ -1,4 +1,4 @@
-//! What the tests share: programs for the target, and reading the report.
+//! Shared by the tests: programs for the target, and reading the report.
 #![allow(dead_code, reason = "each test uses a part")]
 
 #[path = "../../../schedule/tests/support/mod.rs"]

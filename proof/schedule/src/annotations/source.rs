@@ -10,7 +10,7 @@ use syn::{
 use super::Lines;
 use crate::Count;
 
-/// What a comment states.
+/// The statement of a comment.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Stated {
     pub(crate) count: Count,

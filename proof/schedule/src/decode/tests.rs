@@ -79,7 +79,7 @@ fn interrupts_are_switched_by_the_masks_that_are_named() {
 }
 
 #[test]
-fn returns_are_told_from_other_jumps() {
+fn returns_are_distinguished_from_other_jumps() {
     let is_return = |first, second| decode(first, second).unwrap().is_return();
     assert!(is_return(0x4770, 0)); // bx lr
     assert!(is_return(0xbd10, 0)); // pop {r4, pc}
@@ -94,7 +94,7 @@ fn returns_are_told_from_other_jumps() {
 fn conditions_come_from_branches_and_from_it() {
     assert_eq!(decode(0xd0fe, 0).unwrap().condition, 0);
     assert_eq!(decode(0xe7fe, 0).unwrap().condition, ALWAYS);
-    // ITTE EQ, three moves, one that no longer depends on it.
+    // ITTE EQ, three moves, and a fourth that is unconditional.
     let mut decoder = Decoder::new();
     let mut next = |code| {
         let instruction = decoder.decode(AT, [code, 0]).unwrap();

@@ -18,7 +18,7 @@ impl Walk<'_, '_> {
             let goes_on = instructions
                 .peek()
                 .is_some_and(|following| following.address == next);
-            if goes_on && !self.ways.contains_key(&at) && !self.leaders.contains(&next) {
+            if goes_on && !self.successors.contains_key(&at) && !self.leaders.contains(&next) {
                 continue;
             }
             index.insert(open[0].address, blocks.len());
@@ -49,8 +49,8 @@ impl Walk<'_, '_> {
                 continue;
             };
             let simple = vec![(last.end(), false)];
-            let ways = self.ways.get(&last.address).unwrap_or(&simple);
-            for (to, is_taken) in ways {
+            let successors = self.successors.get(&last.address).unwrap_or(&simple);
+            for (to, is_taken) in successors {
                 match index.get(to) {
                     Some(&to) => block.successors.push(Edge {
                         to,

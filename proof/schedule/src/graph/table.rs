@@ -74,7 +74,7 @@ impl Sweep {
     /// Where a table leads to, whose entries have so many bytes and count from `from`; `None` if it
     /// leads anywhere but to instructions.
     ///
-    /// It ends where code goes on, or where the first constant lies that is kept behind it.
+    /// The table ends where a block begins, or at the first constant after the code.
     pub(super) fn targets(
         &self,
         image: &Image,
@@ -93,7 +93,7 @@ impl Sweep {
                 _ => image.half(entry).map(u32::from),
             })
             .map(|entry| from + 2 * entry)
-            // What fills the table up leads into it.
+            // A padding entry leads into the table.
             .filter(|&to| to >= code)
             .collect();
         let are_known = targets.iter().all(|to| self.instructions.contains_key(to));

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::graph::{Gate, Graph, Site};
 
-/// What a run has cost.
+/// The cost of a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Spent {
     pub(super) instructions: u64,
@@ -36,8 +36,8 @@ pub(super) struct OpenSection {
 pub(super) struct Sections(Vec<OpenSection>);
 
 impl Sections {
-    /// An instruction is executed that takes the cycles after `before`; the section that ends with
-    /// it, and its length.
+    /// Adds an instruction that takes the cycles after `before`; returns the section that ends
+    /// there, and its length.
     pub(super) fn pass(&mut self, number: usize, site: &Site, before: u64) -> Option<(usize, u64)> {
         match site.gate {
             Gate::None => None,
@@ -69,7 +69,7 @@ pub(super) struct Activation {
     /// The instruction executed last.
     pub(super) previous: Option<usize>,
     pub(super) calls: Vec<Call>,
-    /// Kinds of runs that it is not one of, bit 0 the first.
+    /// Kinds of runs to which the activation does not belong, bit 0 the first.
     pub(super) excluded: u64,
     /// Times that another task came in between.
     pub(super) preemptions: u64,
@@ -149,20 +149,20 @@ impl Activation {
     pub(super) fn count_run(
         &mut self,
         number: usize,
-        ring: usize,
+        looped: usize,
         graph: &Graph,
     ) -> Option<Excess> {
         let count = self.counted.entry(graph.sites[number].address).or_default();
         *count += 1;
-        let (total, _) = graph.rings[ring].total.as_ref()?;
-        (*count > *total).then_some(Excess::Total(ring))
+        let (total, _) = graph.loops[looped].total.as_ref()?;
+        (*count > *total).then_some(Excess::Total(looped))
     }
 
     /// Loops are entered.
     pub(super) fn enter(&mut self, loops: &[usize]) {
-        for &ring in loops {
-            self.runs[ring] = 0;
-            self.met[ring] = self.spent.cycles;
+        for &looped in loops {
+            self.runs[looped] = 0;
+            self.met[looped] = self.spent.cycles;
         }
     }
 
@@ -170,20 +170,20 @@ impl Activation {
     pub(super) fn run_again(&mut self, loops: &[usize], graph: &Graph) -> Option<Excess> {
         let mut excess = None;
         for &number in loops {
-            let ring = &graph.rings[number];
+            let looped = &graph.loops[number];
             let begun = std::mem::replace(&mut self.met[number], self.spent.cycles);
             self.runs[number] += 1;
-            self.totals[ring.budget] += 1;
-            if let Some((total, _)) = ring.total
-                && self.totals[ring.budget] > total
+            self.totals[looped.budget] += 1;
+            if let Some((total, _)) = looped.total
+                && self.totals[looped.budget] > total
             {
                 excess = Some(Excess::Total(number));
             }
-            if let Some((bound, _)) = ring.bound
+            if let Some((bound, _)) = looped.bound
                 && self.runs[number] > bound
             {
-                // Who preempts pays for what must be tried again.
-                if ring.retries && self.runs[number] <= bound + self.preemptions {
+                // The preempting task pays for the retry.
+                if looped.retries && self.runs[number] <= bound + self.preemptions {
                     self.spent.cycles = begun;
                     self.met[number] = begun;
                 } else {
@@ -194,7 +194,7 @@ impl Activation {
         excess
     }
 
-    /// Keeps the depth of the stack: `site` is executed. What depends on a condition counts when an
+    /// Keeps the depth of the stack: `site` is executed. A conditional instruction counts when an
     /// access shows that it was not skipped; without an access nobody can tell.
     pub(super) fn deepen(&mut self, site: &Site) {
         if !site.is_conditional {
@@ -210,7 +210,7 @@ impl Activation {
         let Some(offset) = site.on_stack else {
             return true;
         };
-        // What has no condition has changed the depth already.
+        // An unconditional instruction has changed the depth already.
         let before = if site.is_conditional {
             self.depth
         } else {

@@ -7,7 +7,7 @@ use crate::{
     Address, Block, Count, Function, Instruction, Model, Operation, Region, raises, restores,
 };
 
-/// What an instruction does to the sections in which tasks are held up.
+/// The effect of an instruction on the sections in which tasks are held up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Gate {
     None,
@@ -20,7 +20,7 @@ pub(super) enum Gate {
 /// One instruction.
 pub(super) struct Site {
     pub(super) address: u32,
-    /// The address behind it.
+    /// The address after its end.
     pub(super) end: u32,
     /// Index of [`Graph::nodes`]; `None`: not of an analysed function.
     pub(super) node: Option<usize>,
@@ -30,7 +30,7 @@ pub(super) struct Site {
     pub(super) instruction: Option<Instruction>,
     /// Where it is predicted to read or write.
     pub(super) region: Region,
-    /// Cycles that it takes with that.
+    /// Cycles of the instruction with a cache miss.
     pub(super) cycles: u64,
     pub(super) is_return: bool,
     pub(super) is_conditional: bool,
@@ -38,13 +38,14 @@ pub(super) struct Site {
     pub(super) gate: Gate,
     /// Bytes that it adds to the stack's depth.
     pub(super) deeper: i32,
-    /// Where it reads or writes, from the stack pointer, when it uses that.
+    /// The accessed address, relative to the stack pointer, where the address is made from the
+    /// stack pointer.
     pub(super) on_stack: Option<i32>,
     /// The task whose handler it begins.
     pub(super) handler: Option<usize>,
     /// Kinds of runs in which the function that it begins is not called, bit 0 the first.
     pub(super) excludes: u64,
-    /// Most calls in one activation of the function that it begins.
+    /// Most calls, in one activation, of the function that begins here.
     pub(super) limit: Option<u64>,
     /// The loop that it is in a run of, at the beginning of a block: as often as its total says.
     pub(super) in_run: Option<usize>,
@@ -52,11 +53,11 @@ pub(super) struct Site {
     pub(super) tasks: u64,
 }
 
-/// A way out of a block.
-pub(super) struct Way {
+/// An edge out of a block.
+pub(super) struct Step {
     /// Number of the instruction it leads to.
     pub(super) to: usize,
-    /// Loops that are entered, and those that are run again.
+    /// Loops that the step enters, and loops that the step repeats.
     pub(super) enters: Vec<usize>,
     pub(super) again: Vec<usize>,
 }
@@ -65,13 +66,13 @@ pub(super) struct Way {
 pub(super) struct Node {
     /// The function that its last instruction calls or jumps to.
     pub(super) call: Option<u32>,
-    pub(super) ways: Vec<Way>,
+    pub(super) steps: Vec<Step>,
     /// When it begins a function: the loops that begin there.
     pub(super) begins: Vec<usize>,
 }
 
 /// A loop and how often it may run.
-pub(super) struct Ring {
+pub(super) struct FollowedLoop {
     pub(super) head: u32,
     /// Most runs for each entry, and for each activation.
     pub(super) bound: Option<(u64, String)>,
@@ -89,7 +90,7 @@ pub(super) struct Graph {
     /// The instructions of analysed functions first, then what else is executed.
     pub(super) sites: Vec<Site>,
     pub(super) nodes: Vec<Node>,
-    pub(super) rings: Vec<Ring>,
+    pub(super) loops: Vec<FollowedLoop>,
     index: HashMap<u32, usize>,
 }
 
@@ -99,7 +100,7 @@ impl Graph {
         let mut graph = Self {
             sites: Vec::new(),
             nodes: Vec::new(),
-            rings: Vec::new(),
+            loops: Vec::new(),
             index: HashMap::new(),
         };
         for function in plan.functions.values() {
@@ -107,7 +108,7 @@ impl Graph {
         }
         let mut first_node = 0;
         for function in plan.functions.values() {
-            graph.add_ways(function, first_node, &plan.named)?;
+            graph.add_steps(function, first_node, &plan.named)?;
             first_node += function.blocks.len();
         }
         for (task, root) in plan.roots.iter().enumerate() {
@@ -163,7 +164,7 @@ impl Graph {
             let node = self.nodes.len();
             self.nodes.push(Node {
                 call: block.call,
-                ways: Vec::new(),
+                steps: Vec::new(),
                 begins: Vec::new(),
             });
             let count = block.instructions.len();
@@ -189,51 +190,52 @@ impl Graph {
         Ok(())
     }
 
-    /// Adds the ways and the loops of a function whose blocks are the nodes from `first` on.
-    fn add_ways(
+    /// Adds the edges and the loops of a function whose blocks are the nodes from `first` on.
+    fn add_steps(
         &mut self,
         function: &Function,
         first: usize,
         named: &BTreeMap<String, u64>,
     ) -> Result<(), String> {
-        let first_ring = self.rings.len();
-        for ring in &function.loops {
-            let blocks = ring.total.iter().flat_map(|total| &total.in_runs);
+        let first_loop = self.loops.len();
+        for looped in &function.loops {
+            let blocks = looped.total.iter().flat_map(|total| &total.in_runs);
             for block in blocks.map(|block| &function.blocks[*block]) {
                 if let Some(site) = self.find(block.start()) {
-                    self.sites[site].in_run = Some(self.rings.len());
+                    self.sites[site].in_run = Some(self.loops.len());
                 }
             }
-            let mut ring = Ring::new(function, ring, named)?;
-            let has_name = |other: &Ring| ring.name.is_some() && other.name == ring.name;
-            let first = self.rings.iter().position(has_name);
-            ring.budget = first.unwrap_or(self.rings.len());
-            self.rings.push(ring);
+            let mut looped = FollowedLoop::new(function, looped, named)?;
+            let has_name =
+                |other: &FollowedLoop| looped.name.is_some() && other.name == looped.name;
+            let first = self.loops.iter().position(has_name);
+            looped.budget = first.unwrap_or(self.loops.len());
+            self.loops.push(looped);
         }
         let headed = |block: usize| {
-            let rings = function.loops.iter().enumerate();
-            rings.filter(move |(_, ring)| ring.head == block)
+            let loops = function.loops.iter().enumerate();
+            loops.filter(move |(_, looped)| looped.head == block)
         };
         for (index, block) in function.blocks.iter().enumerate() {
-            let mut ways = Vec::new();
+            let mut steps = Vec::new();
             for edge in &block.successors {
                 let to = start(&function.blocks[edge.to]);
                 let part = |inside: bool| {
                     headed(edge.to)
-                        .filter(|(_, ring)| ring.blocks.contains(&index) == inside)
-                        .map(|(ring, _)| first_ring + ring)
+                        .filter(|(_, looped)| looped.blocks.contains(&index) == inside)
+                        .map(|(looped, _)| first_loop + looped)
                         .collect()
                 };
-                ways.push(Way {
+                steps.push(Step {
                     to: self.find(to).ok_or("a block that is nowhere")?,
                     enters: part(false),
                     again: part(true),
                 });
             }
-            self.nodes[first + index].ways = ways;
+            self.nodes[first + index].steps = steps;
         }
         if let Some(node) = self.nodes.get_mut(first) {
-            node.begins = headed(0).map(|(ring, _)| first_ring + ring).collect();
+            node.begins = headed(0).map(|(looped, _)| first_loop + looped).collect();
         }
         Ok(())
     }
@@ -289,10 +291,10 @@ impl Site {
     }
 }
 
-impl Ring {
+impl FollowedLoop {
     fn new(
         function: &Function,
-        ring: &crate::Loop,
+        looped: &crate::Loop,
         named: &BTreeMap<String, u64>,
     ) -> Result<Self, String> {
         let number = |count: &Count| match count {
@@ -304,24 +306,24 @@ impl Ring {
                 )
             }),
         };
-        let bound = ring
+        let bound = looped
             .bound
             .as_ref()
             .map(|bound| number(&bound.count).map(|number| (number, bound.origin.clone())));
-        let total = ring
+        let total = looped
             .total
             .as_ref()
             .map(|total| number(&total.count).map(|number| (number, total.origin.clone())));
-        let mut instructions = ring.blocks.iter().flat_map(|block| {
+        let mut instructions = looped.blocks.iter().flat_map(|block| {
             let block = &function.blocks[*block];
             block.instructions.iter()
         });
         Ok(Self {
-            head: start(&function.blocks[ring.head]),
+            head: start(&function.blocks[looped.head]),
             bound: bound.transpose()?,
             total: total.transpose()?,
             budget: usize::MAX,
-            name: ring.total.as_ref().and_then(|total| match &total.count {
+            name: looped.total.as_ref().and_then(|total| match &total.count {
                 Count::Named(name) => Some(name.clone()),
                 Count::Number(_) => None,
             }),

@@ -1,4 +1,4 @@
-//! What is to be followed.
+//! The tasks and sections to be followed.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -27,7 +27,7 @@ pub struct Root {
     pub name: String,
     /// The address of its handler, ...
     pub handler: u32,
-    /// ... and of those of other vectors, which call that one.
+    /// ... and of the handlers in other vectors that call this handler.
     pub callers: Vec<u32>,
     /// The functions that it can reach.
     pub reach: BTreeSet<u32>,
@@ -99,7 +99,8 @@ impl Plan {
     ) -> Self {
         let roots = tasks.into_iter().map(|(name, mut callers, kinds)| Root {
             name,
-            reach: { callers.iter() }
+            reach: callers
+                .iter()
                 .flat_map(|entry| program.reach(*entry))
                 .collect(),
             handler: callers.pop().unwrap_or_default(),

@@ -1,4 +1,4 @@
-//! What a replay has found.
+//! The result of a replay.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +14,7 @@ pub struct Summary {
     pub instructions: u64,
     /// Accesses to memory by the tasks.
     pub accesses: u64,
-    /// Those of them whose region was not predicted.
+    /// Accesses whose region was not predicted.
     pub unpredicted: u64,
     /// Sections in which tasks are held up, in whatever code.
     pub sections: Vec<Held>,
@@ -22,7 +22,8 @@ pub struct Summary {
     pub violations: Vec<Violation>,
 }
 
-/// The runs of one kind of one task; costs are without what preempted it, with entry and exit of the exception.
+/// The runs of one kind of one task; costs are without preemptions, with entry and exit of the
+/// exception.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Runs {
     /// Its name.
@@ -45,7 +46,7 @@ pub struct Runs {
     pub stack_max: u64,
     /// Blocks of the functions that it can reach.
     pub blocks: usize,
-    /// Those of them that it has executed.
+    /// How many of these blocks the task has executed.
     pub executed: usize,
     /// Where the others begin: `function (file:line)`.
     pub never: Vec<String>,

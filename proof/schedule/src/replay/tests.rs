@@ -168,12 +168,12 @@ fn checker_with(turns: u64, other: Function) -> Checker {
 
 const IDLING: [u32; 1] = [IDLE];
 const TURN: [u32; 3] = [HANDLER + 2, HANDLER + 4, HANDLER + 6];
-const BEHIND: [u32; 5] = [HANDLER + 8, CALLEE, CALLEE + 2, HANDLER + 10, HANDLER + 12];
+const AFTER_LOOP: [u32; 5] = [HANDLER + 8, CALLEE, CALLEE + 2, HANDLER + 10, HANDLER + 12];
 
 /// One activation in which the loop runs `1 + again` times.
 fn activation(again: usize) -> Vec<u32> {
     let turns = TURN.repeat(1 + again);
-    [&IDLING, &[HANDLER][..], &turns, &BEHIND, &IDLING].concat()
+    [&IDLING, &[HANDLER][..], &turns, &AFTER_LOOP, &IDLING].concat()
 }
 
 fn run(checker: &mut Checker, addresses: &[u32]) -> Summary {
@@ -196,7 +196,7 @@ fn an_activation_costs_what_the_table_says() {
     assert_eq!(runs.instructions_max, 1 + 6 + 5);
     // The load takes 2. Jumps: the loop, the call and its return, the exception's return.
     assert_eq!(runs.warm_max, 13 + 4 * 3 + 24);
-    // Lines: one of the handler, one of the callee, one of the vectors.
+    // Lines: the handler's, the callee's and the vector's.
     assert_eq!(runs.cached_max, runs.warm_max + 3 * 5);
     // Without a cache the handler's is fetched once more after each jump to it.
     assert_eq!(runs.uncached_max, runs.warm_max + 5 * 5);
@@ -205,7 +205,7 @@ fn an_activation_costs_what_the_table_says() {
 }
 
 #[test]
-fn a_loop_that_exceeds_its_bound_is_told_with_its_place() {
+fn a_loop_that_exceeds_its_bound_is_reported_with_its_place() {
     assert_eq!(run(&mut checker(2), &activation(2)).violations, []);
     let summary = run(&mut checker(1), &activation(2));
     let violation = &summary.violations[0];
@@ -219,14 +219,14 @@ fn a_loop_that_exceeds_its_bound_is_told_with_its_place() {
 }
 
 #[test]
-fn a_loop_that_exceeds_its_total_is_told() {
+fn a_loop_that_exceeds_its_total_is_reported() {
     let summary = run(&mut checker(9), &activation(5));
     let violation = &summary.violations[0];
     assert_eq!(
         violation.what,
         "a loop runs more than 3 times in one activation (a.rs:8)"
     );
-    // Two ways back too many, and three runs of the body.
+    // Two back edges too many, and three runs of the body.
     assert_eq!(violation.count, 5);
 }
 
@@ -241,7 +241,7 @@ fn loops_that_name_a_total_share_it() {
     let names = plan.functions.values_mut().flat_map(|one| &mut one.loops);
     names.for_each(|one| one.total = Some(total.clone()));
     let checker = Checker::new(plan).unwrap();
-    let budgets = checker.graph.rings.iter().map(|ring| ring.budget);
+    let budgets = checker.graph.loops.iter().map(|looped| looped.budget);
     assert_eq!(budgets.collect::<BTreeSet<_>>(), [0].into());
 }
 
@@ -254,7 +254,7 @@ fn a_bound_without_a_value_is_refused() {
 }
 
 #[test]
-fn a_step_that_the_graph_does_not_know_is_told() {
+fn a_step_that_the_graph_does_not_know_is_reported() {
     let mut addresses = activation(0);
     addresses.remove(3);
     let summary = run(&mut checker(2), &addresses);
@@ -268,14 +268,14 @@ fn a_step_that_the_graph_does_not_know_is_told() {
 }
 
 #[test]
-fn code_that_is_not_analysed_is_told() {
+fn code_that_is_not_analysed_is_reported() {
     let summary = run(&mut checker(2), &[IDLE, HANDLER, IDLE, IDLE + 2]);
     assert_eq!(summary.violations.len(), 1);
     assert!(summary.violations[0].what.contains("is not analysed"));
 }
 
 #[test]
-fn an_access_to_another_region_is_told() {
+fn an_access_to_another_region_is_reported() {
     let mut checker = checker(2);
     let number = checker.site(HANDLER + 10, || None);
     run(&mut checker, &activation(0)[..8]);
@@ -291,7 +291,7 @@ fn an_access_to_another_region_is_told() {
 }
 
 #[test]
-fn a_word_that_is_at_no_multiple_of_four_is_told() {
+fn a_word_that_is_at_no_multiple_of_four_is_reported() {
     for (address, words) in [(0x2000_0004, 0), (0x2000_0006, 1)] {
         let mut checker = checker(2);
         let number = checker.site(HANDLER + 10, || None);
@@ -299,9 +299,9 @@ fn a_word_that_is_at_no_multiple_of_four_is_told() {
         checker.execute(number);
         checker.touch(number, address);
         let violations = checker.summary(|_| Vec::new()).violations;
-        let mut told = violations.iter();
+        let mut found = violations.iter();
         assert_eq!(violations.len(), words);
-        assert!(told.all(|it| it.what.contains("no multiple of its length")));
+        assert!(found.all(|it| it.what.contains("no multiple of its length")));
     }
 }
 

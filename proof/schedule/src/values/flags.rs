@@ -68,7 +68,7 @@ impl Flags {
         }
     }
 
-    /// What holds whichever of the two it is.
+    /// The join of both values.
     pub(crate) fn join(self, other: Self) -> Self {
         let join = |left, right| if left == right { left } else { None };
         Self {

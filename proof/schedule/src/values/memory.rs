@@ -39,20 +39,20 @@ impl State {
             .collect();
         self.write_back(writeback);
         for ((to, value, place), region) in loaded.into_iter().zip(regions) {
-            match (value, place.behind_argument()) {
+            match (value, place.argument_offset()) {
                 (Some(value), _) => self.set(to, value),
                 (None, Some((register, distance))) => {
-                    self.write_as(Base::Behind(register, distance), to, region);
+                    self.write_as(Base::LoadedFrom(register, distance), to, region);
                 }
                 (None, None) => self.write(at, to, region),
             }
         }
     }
 
-    /// What a word is loaded as, when that is known.
+    /// The abstract value of a loaded word, when known.
     fn loaded(&self, around: Surroundings<'_>, from: Value) -> Option<Value> {
         if from.origins().contains(Origins::FRAME) {
-            // It may be any pointer that was kept there.
+            // Any pointer that was kept there.
             let kept = Value::of(Region::Unknown, Origins::ALL);
             let slot = from.in_frame().and_then(|slot| self.slots.get(&slot));
             return Some(slot.copied().unwrap_or(kept));
@@ -66,7 +66,7 @@ impl State {
 
     /// The memory that the word at an address points into.
     fn pointed_to(&self, around: Surroundings<'_>, from: Value) -> Region {
-        let known = match (from.constant(), from.behind_argument(), around.callees) {
+        let known = match (from.constant(), from.argument_offset(), around.callees) {
             (Some(address), _, Some(callees)) => callees.statics.get(&address),
             (None, Some(place), _) => self.given.get(&place),
             _ => None,
@@ -83,12 +83,12 @@ impl State {
             self.forget_slots(slot, slot + length);
             return;
         }
-        if let Some((register, offset)) = to.behind_argument() {
+        if let Some((register, offset)) = to.argument_offset() {
             self.forget_given(register, offset, offset + length);
             return;
         }
         if matches!(to.region(), Region::Sram | Region::Ccm | Region::Unknown) {
-            self.forget_behind(around, to, &[(i32::MIN, i32::MAX)]);
+            self.forget_pointees(around, to, &[(i32::MIN, i32::MAX)]);
             self.weaken(around);
         }
     }
@@ -99,15 +99,15 @@ impl State {
             .retain(|&slot, _| slot + 4 <= start || slot >= end);
     }
 
-    /// Forgets words behind an argument.
+    /// Forgets words at offsets from an argument.
     fn forget_given(&mut self, register: u8, start: i32, end: i32) {
         self.given.retain(|&(other, offset), _| {
             other != register || offset.saturating_add(4) <= start || offset >= end
         });
     }
 
-    /// Forgets what is written behind a pointer.
-    pub(super) fn forget_behind(
+    /// Forgets the words that are written through a pointer.
+    pub(super) fn forget_pointees(
         &mut self,
         around: Surroundings<'_>,
         pointer: Value,
@@ -116,7 +116,7 @@ impl State {
         for &(start, end) in spans {
             if let Some(base) = pointer.in_frame() {
                 self.forget_slots(base.saturating_add(start), base.saturating_add(end));
-            } else if let Some((register, base)) = pointer.behind_argument() {
+            } else if let Some((register, base)) = pointer.argument_offset() {
                 let (start, end) = (base.saturating_add(start), base.saturating_add(end));
                 self.forget_given(register, start, end);
             } else {

@@ -1,4 +1,4 @@
-//! What is known of registers, flags and the frame at one place of a function.
+//! The abstract state at one place of a function: registers, flags and the frame.
 
 use std::{
     borrow::Cow,
@@ -10,18 +10,19 @@ use crate::{Address, Image, Instruction, Operation, Region};
 
 const STACK_POINTER: u8 = 13;
 const PROGRAM_COUNTER: u8 = 15;
-/// How far behind an argument its memory is described to the called function, bytes.
+/// Bytes from an argument up to which its memory is described to the called function.
 const DESCRIBED: i32 = 256;
 
-/// Bytes behind a pointer: from the first to before the second.
+/// Byte offsets from a pointer: from the first to before the second.
 pub(crate) type Spans = Vec<(i32, i32)>;
 
-/// What a function must know of those it calls.
+/// Summaries of the functions that a function calls.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Callees {
     /// Functions that write to the part of their caller's frame that holds their arguments.
     pub(crate) write_arguments: BTreeSet<u32>,
-    /// What they write behind each of their arguments; those that are not here may write anything.
+    /// Bytes that each function writes through each of its arguments; a missing function may write
+    /// anything.
     pub(crate) writes: BTreeMap<u32, [Spans; ARGUMENTS as usize]>,
     /// The memory that their results point into, where it is known.
     pub(crate) results: BTreeMap<u32, Region>,
@@ -29,14 +30,14 @@ pub(crate) struct Callees {
     pub(crate) statics: BTreeMap<u32, Region>,
 }
 
-/// What a state is followed through.
+/// The constant context of a state.
 #[derive(Clone, Copy)]
 pub(crate) struct Surroundings<'a> {
     pub(crate) image: &'a Image,
     /// Without it nothing is known of what calls do.
     pub(crate) callees: Option<&'a Callees>,
-    /// The lowest place in the function's frame that it makes a pointer to, in bytes from the
-    /// stack pointer at its beginning: what is below changes only by its own stores.
+    /// The lowest slot of the function's frame to which the function makes a pointer, in bytes from
+    /// the stack pointer at its beginning: lower slots change only by the function's own stores.
     pub(crate) lowest_pointer: i32,
 }
 
@@ -47,10 +48,10 @@ pub(crate) struct State {
     pub(super) flags: Flags,
     /// Words of the frame, by their distance from the stack pointer at the function's beginning.
     pub(super) slots: BTreeMap<i32, Value>,
-    /// The memory that words behind arguments point into, by the register and the distance.
+    /// The memory into which words at an offset from an argument point, by register and offset.
     pub(super) given: BTreeMap<(u8, i32), Region>,
-    /// Behind an `IT` whose condition is not known, this state is that where it holds; the other is
-    /// that where it does not.
+    /// After an `IT` with an unknown condition, this state holds where the condition does, and the
+    /// other state where it does not.
     otherwise: Option<Box<Otherwise>>,
 }
 
@@ -105,20 +106,20 @@ impl State {
                 .collect();
         }
         for register in 0..ARGUMENTS {
-            for (offset, region) in self.behind(self.get(register)) {
+            for (offset, region) in self.pointee_regions(self.get(register)) {
                 state.given.insert((register, offset), region);
             }
         }
         state
     }
 
-    /// The memory that words behind a pointer point into, by their distance.
-    fn behind(&self, pointer: Value) -> Vec<(i32, Region)> {
+    /// The memory into which words at an offset from a pointer point, by offset.
+    fn pointee_regions(&self, pointer: Value) -> Vec<(i32, Region)> {
         let mut found = Vec::new();
         if let Some(start) = pointer.in_frame() {
             let slots = self.slots.range(start..start.saturating_add(DESCRIBED));
             found.extend(slots.map(|(slot, value)| (slot - start, value.region())));
-        } else if let Some((register, start)) = pointer.behind_argument() {
+        } else if let Some((register, start)) = pointer.argument_offset() {
             let end = start.saturating_add(DESCRIBED);
             let given = self.given.range((register, start)..(register, end));
             found.extend(given.map(|(&(_, offset), &region)| (offset - start, region)));
@@ -127,7 +128,7 @@ impl State {
         found
     }
 
-    /// What holds whichever of the two it is.
+    /// The join of two states: only what holds in both.
     pub(crate) fn join(&self, other: &Self) -> Self {
         let mut joined = self.clone();
         for (value, other) in joined.registers.iter_mut().zip(other.registers) {
@@ -172,12 +173,12 @@ impl State {
         }
     }
 
-    /// Follows `instruction`: if its condition is not known, both ways.
+    /// Follows `instruction`: if its condition is not known, in both states.
     pub(crate) fn step(&mut self, around: Surroundings<'_>, instruction: &Instruction) {
         if !instruction.in_if_then || matches!(instruction.operation, Operation::Jump(_)) {
             self.settle();
             if !matches!(instruction.operation, Operation::Jump(_)) {
-                self.execute(around, instruction);
+                self.transfer(around, instruction);
             }
             return;
         }
@@ -188,7 +189,7 @@ impl State {
         }
         if self.otherwise.is_none() {
             match self.flags.holds(condition) {
-                Some(true) => return self.execute(around, instruction),
+                Some(true) => return self.transfer(around, instruction),
                 Some(false) => return,
                 None => {
                     let state = self.clone();
@@ -199,23 +200,23 @@ impl State {
         self.branch(around, instruction);
     }
 
-    /// Follows an instruction behind an `IT` in the state in which it is executed.
+    /// Follows an instruction after an `IT` in the state in which it is executed.
     fn branch(&mut self, around: Surroundings<'_>, instruction: &Instruction) {
         let Some(mut other) = self.otherwise.take() else {
             return;
         };
         let is_here = other.condition == instruction.condition;
         if instruction.is_return() {
-            // What is executed next follows only if it did not return.
+            // The next instruction follows only if this one did not return.
             if is_here {
                 *self = other.state;
             }
             return;
         }
         if is_here {
-            self.execute(around, instruction);
+            self.transfer(around, instruction);
         } else {
-            other.state.execute(around, instruction);
+            other.state.transfer(around, instruction);
         }
         self.otherwise = Some(other);
         if instruction.sets_flags {
@@ -223,7 +224,7 @@ impl State {
         }
     }
 
-    /// Forgets what an `IT` has told apart.
+    /// Joins the two states of an `IT`.
     pub(crate) fn settle(&mut self) {
         if let Some(other) = self.otherwise.take() {
             *self = self.join(&other.state);
@@ -263,7 +264,7 @@ impl State {
 
     /// `register` gets the value that is called `base` from now on.
     pub(super) fn write_as(&mut self, base: Base, register: u8, region: Region) {
-        // What was called so before is not what is called so now.
+        // An older value with the same base is another value.
         let known = self.registers.iter_mut().chain(self.slots.values_mut());
         for value in known {
             match *value {

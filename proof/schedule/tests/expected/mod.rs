@@ -1,4 +1,4 @@
-//! What an instruction must be, from its name and operands in a disassembly.
+//! The expected instruction, from its name and operands in a disassembly.
 
 mod operands;
 
@@ -260,7 +260,7 @@ impl Line {
         u32::from_str_radix(digits, 16).ok()
     }
 
-    /// The registers that it writes, but for those written back.
+    /// The registers that an instruction writes, without writeback.
     fn writes(&self, kind: Kind, name: &str) -> u16 {
         let mut operands = self.operands.split(", ");
         let mut one = || {

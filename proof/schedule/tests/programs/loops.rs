@@ -4,7 +4,7 @@ use schedule::{Count, Program, Rule};
 
 use super::{assert_flaw, bounds, flaws, reached, read};
 
-/// Tests that a program has a flaw, told with a line of it: name, rule, program.
+/// Tests that a program has a flaw, reported with one of its lines: name, rule, program.
 macro_rules! flawed {
     ($($name:ident: $rule:ident, $body:literal;)*) => {$(
         #[test]

@@ -1,6 +1,6 @@
 //! Small programs, compiled here: their loops, flaws and memory.
 
-/// What is found, or the end of the test, which has said why there is nothing.
+/// The value, or the end of the test, which has printed why there is none.
 macro_rules! or_skip {
     ($found:expr) => {
         match $found {
@@ -17,7 +17,7 @@ mod support;
 
 use schedule::{Annotations, Count, Function, Image, Program, Rule};
 
-/// What every program needs: a vector table, something that cannot be computed, and a panic.
+/// The parts that every program needs: a vector table, something that cannot be computed, and a panic.
 const FRAME: &str = r#"
 #![no_std]
 #![no_main]
@@ -56,7 +56,7 @@ fn read(body: &str) -> Option<(Image, Annotations)> {
     Some((image, annotations))
 }
 
-/// What is wrong in what `start` reaches.
+/// The flaws of all code that `start` reaches.
 fn flaws(program: &Program<'_>) -> Vec<(Rule, String)> {
     let reached = reached(program);
     let flaws = reached.iter().flat_map(|function| &function.flaws);
@@ -90,7 +90,7 @@ fn bounds(program: &Program<'_>) -> Vec<(Option<Count>, String)> {
         .collect()
 }
 
-/// Asserts that a program has exactly this flaw, and that it names a line of the program.
+/// Asserts that a program has exactly this flaw, at a line of the program.
 #[track_caller]
 fn assert_flaw(body: &str, rule: Rule) {
     let (image, annotations) = or_skip!(read(body));

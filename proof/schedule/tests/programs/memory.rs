@@ -115,7 +115,7 @@ fn a_match_through_a_table_has_all_its_arms() {
 }
 
 #[test]
-fn constants_behind_a_table_are_no_entries_of_it() {
+fn constants_after_a_table_are_no_entries_of_it() {
     let (image, annotations) = or_skip!(read(
         "core::arch::global_asm!(
             \".section .text.picked, \\\"ax\\\"\",
@@ -134,14 +134,14 @@ fn constants_behind_a_table_are_no_entries_of_it() {
             \"5: bx lr\",
             \".size picked, . - picked\",
         );
-        unsafe extern \"C\" { fn picked(way: u32) -> u32; }
+        unsafe extern \"C\" { fn picked(index: u32) -> u32; }
         fn task() { output(unsafe { picked(input() & 1) }); }",
     ));
-    assert_has_two_ways(&image, &annotations);
+    assert_has_two_targets(&image, &annotations);
 }
 
-/// That `picked` is understood, and goes two ways.
-fn assert_has_two_ways(image: &Image, annotations: &Annotations) {
+/// Asserts that `picked` is decoded with two targets.
+fn assert_has_two_targets(image: &Image, annotations: &Annotations) {
     let program = Program::new(image, annotations);
     assert_eq!(flaws(&program), []);
     let picked = image.symbol("picked").expect("it is linked") & !1;
@@ -149,8 +149,8 @@ fn assert_has_two_ways(image: &Image, annotations: &Annotations) {
     assert_eq!(function.blocks[0].successors.len(), 2, "{function:?}");
 }
 
-/// A jump by a table that does not lie right behind it, with some code before and some behind.
-fn picked_by_register(before: &str, behind: &str) -> Option<(Image, Annotations)> {
+/// A jump by a table that does not follow directly, with some code before and some after.
+fn picked_by_register(before: &str, after: &str) -> Option<(Image, Annotations)> {
     read(&format!(
         "core::arch::global_asm!(
             \".section .text.picked, \\\"ax\\\"\",
@@ -165,13 +165,13 @@ fn picked_by_register(before: &str, behind: &str) -> Option<(Image, Annotations)
             \"2: .word 0x09090909\",
             \"1: .byte (3f - 7b) / 2, (4f - 7b) / 2\",
             \"3: ldr.w r0, 2b\",
-            \"{behind}\",
+            \"{after}\",
             \"b.w 5f\",
             \"4: mov.w r0, #0\",
             \"5: bx lr\",
             \".size picked, . - picked\",
         );
-        unsafe extern \"C\" {{ fn picked(way: u32) -> u32; }}
+        unsafe extern \"C\" {{ fn picked(index: u32) -> u32; }}
         fn task() {{ output(unsafe {{ picked(input() & 1) }}); }}"
     ))
 }
@@ -179,22 +179,23 @@ fn picked_by_register(before: &str, behind: &str) -> Option<(Image, Annotations)
 #[test]
 fn a_table_may_lie_where_a_register_points() {
     let (image, annotations) = or_skip!(picked_by_register("nop", "nop"));
-    assert_has_two_ways(&image, &annotations);
+    assert_has_two_targets(&image, &annotations);
 }
 
 #[test]
 fn a_table_that_another_register_may_point_to_is_unknown() {
-    for (before, behind) in [
-        // Another address, one that may be another, and a way past what makes it.
+    for (before, after) in [
+        // Another address, a possible other address, and a path around the instruction that makes
+        // the address.
         ("mov r2, r1", "nop"),
         ("cmp r1, #0\\nit eq\\nmoveq r2, r1", "nop"),
         ("nop", "mov r2, r1\\nb 6b"),
     ] {
-        let (image, annotations) = or_skip!(picked_by_register(before, behind));
+        let (image, annotations) = or_skip!(picked_by_register(before, after));
         let program = Program::new(&image, &annotations);
         let flaws = flaws(&program);
-        let is_told = flaws.iter().any(|(rule, _)| *rule == Rule::IndirectCall);
-        assert!(is_told, "{before}, {behind}: {flaws:?}");
+        let is_reported = flaws.iter().any(|(rule, _)| *rule == Rule::IndirectCall);
+        assert!(is_reported, "{before}, {after}: {flaws:?}");
     }
 }
 

@@ -9,7 +9,7 @@ use std::{
 use schedule::{Flaw, Input, Report, Rule, analyse};
 
 const TARGET: &str = "thumbv7em-none-eabihf";
-/// What a test compiles; the rest of the folder is copied beside it.
+/// The application that a test compiles; the rest of the folder is copied.
 const FILES: [&str; 6] = [
     "Cargo.toml",
     "device.x",
@@ -107,7 +107,7 @@ impl Project {
         target.join(TARGET).join("release").join(&self.name)
     }
 
-    /// What the analysis says of a program, with the sources as they are now.
+    /// The report of the analysis of a program, with the sources as they are now.
     pub(crate) fn analyse(&self, elf: &Path) -> Report {
         write(&self.folder.join("src/app.rs"), &self.app);
         let input = Input {
@@ -131,7 +131,7 @@ impl Project {
 }
 
 /// The flaws of this rule at some lines of the application.
-pub(crate) fn told_at(
+pub(crate) fn flaws_at(
     flaws: &[Flaw],
     rule: Rule,
     lines: std::ops::RangeInclusive<usize>,
@@ -146,7 +146,8 @@ pub(crate) fn told_at(
             line.is_some_and(|line: usize| lines.contains(&line))
         })
     };
-    { flaws.iter() }
+    flaws
+        .iter()
         .filter(move |flaw| flaw.rule == rule)
         .filter(is_there)
 }
@@ -157,7 +158,7 @@ pub(crate) fn assert_caught(
     rule: Rule,
     lines: std::ops::RangeInclusive<usize>,
 ) -> &Flaw {
-    let found = told_at(flaws, rule, lines.clone()).next();
+    let found = flaws_at(flaws, rule, lines.clone()).next();
     let flaw = found.unwrap_or_else(|| panic!("no {rule:?} at lines {lines:?} in {flaws:#?}"));
     assert!(!flaw.what.is_empty() && !flaw.remedy.is_empty(), "{flaw:?}");
     flaw

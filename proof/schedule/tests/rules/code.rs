@@ -1,11 +1,11 @@
-//! What code may not do: in a task with a deadline, in `idle`, and in what holds tasks up.
+//! Forbidden code: in a task with a deadline, in `idle`, and in sections.
 
 use schedule::Rule;
 
-use super::project::{Project, assert_caught, told_at};
+use super::project::{Project, assert_caught, flaws_at};
 
-/// Builds the fixture with code in the task `receive`, and items beside it, and expects a rule to be
-/// broken there, told with these words.
+/// Builds the fixture with code in the task `receive`, and further items, and expects a rule to be
+/// broken there, reported with these words.
 fn in_receive(name: &str, code: &str, items: &str, rule: Rule, words: &str) {
     let project = or_skip!(Project::new(name));
     let project = project.with("receive", code).with("items", items);
@@ -188,11 +188,11 @@ in_idle! {
         "";
 }
 
-/// A function with something wrong in it: name, code, rule and words that tell it.
+/// A faulty function: name, code, broken rule and words of the report.
 type Wrong = (&'static str, &'static str, Rule, &'static str);
 
-/// Builds the fixture with calls of such functions, and expects each to be told at its own lines.
-fn check_each_is_told(name: &str, mark: &str, wrong: &[Wrong], more: &str) {
+/// Builds the fixture with calls of such functions, and expects each to be reported at its own lines.
+fn check_each_is_reported(name: &str, mark: &str, wrong: &[Wrong], more: &str) {
     let project = or_skip!(Project::new(name));
     let calls: Vec<String> = wrong.iter().map(|it| format!("{}();\n", it.0)).collect();
     let functions = wrong
@@ -204,9 +204,9 @@ fn check_each_is_told(name: &str, mark: &str, wrong: &[Wrong], more: &str) {
     for (name, code, rule, words) in wrong {
         let first = project.line(&format!("fn {name}()"));
         let lines = first..=first + code.lines().count();
-        let mut told = told_at(&flaws, *rule, lines);
+        let mut found = flaws_at(&flaws, *rule, lines);
         assert!(
-            told.any(|flaw| flaw.what.contains(words)),
+            found.any(|flaw| flaw.what.contains(words)),
             "`{name}`: no {rule:?} that tells {words:?} in {flaws:#?}"
         );
     }
@@ -263,11 +263,11 @@ fn what_holds_tasks_up_neither_sleeps_nor_waits_nor_calls_what_is_not_known() {
             "is not over when its function returns",
         ),
     ];
-    check_each_is_told("in-sections", "idle", &wrong, "");
+    check_each_is_reported("in-sections", "idle", &wrong, "");
 }
 
 #[test]
-fn what_the_proof_rests_on_in_the_processor_is_not_written() {
+fn system_registers_of_the_processor_are_not_written() {
     const PROCESSOR_REGISTER: &str = "a register of the processor";
     let wrong: [Wrong; 7] = [
         (
@@ -320,10 +320,10 @@ fn what_the_proof_rests_on_in_the_processor_is_not_written() {
             PROCESSOR_REGISTER,
         ),
     ];
-    check_each_is_told("in-the-processor", "idle", &wrong, "");
+    check_each_is_reported("in-the-processor", "idle", &wrong, "");
 }
 
-/// Ways of a task to take longer than is told.
+/// Ways for a task to exceed its bound.
 const HIDDEN_DELAYS: [Wrong; 11] = [
     (
         "never_ends",
@@ -376,7 +376,7 @@ const HIDDEN_DELAYS: [Wrong; 11] = [
     (
         "waits_by_a_call_for_memory",
         "// wcet-bound: 1
-            while !is_told() {}",
+            while !is_set() {}",
         Rule::Wait,
         "a loop that waits",
     ),
@@ -427,7 +427,7 @@ const HIDDEN_DELAYS: [Wrong; 11] = [
     ),
 ];
 
-/// What they call.
+/// Their callees.
 const CALLED_BY_HIDDEN_DELAYS: &str = "#[inline(never)]
     fn is_ready() -> bool {
         device::has_byte()
@@ -443,14 +443,14 @@ const CALLED_BY_HIDDEN_DELAYS: &str = "#[inline(never)]
         }
     }
     #[inline(never)]
-    fn is_told() -> bool {
+    fn is_set() -> bool {
         BYTES[2].load(Relaxed) != 0
     }
 ";
 
 #[test]
 fn a_task_with_a_deadline_hides_no_delay() {
-    check_each_is_told(
+    check_each_is_reported(
         "hidden-delays",
         "receive",
         &HIDDEN_DELAYS,
@@ -480,29 +480,29 @@ fn a_loop_that_gets_on_by_itself_may_have_a_bound() {
 
 #[test]
 fn code_that_no_symbol_tells_holds_no_interrupts_back() {
-    let code = "let call: unsafe extern \"C\" fn() = core::hint::black_box(bare::untold);
+    let code = "let call: unsafe extern \"C\" fn() = core::hint::black_box(bare::unanalysed);
             // SAFETY: it returns.
             unsafe { call() };";
     let items = "mod bare {
         core::arch::global_asm!(
-            \".section .text.untold\",
+            \".section .text.unanalysed\",
             \".thumb\",
-            \".global untold\",
-            \"untold:\",
+            \".global unanalysed\",
+            \"unanalysed:\",
             \"cpsid i\",
             \"bx lr\",
         );
         unsafe extern \"C\" {
-            pub fn untold();
+            pub fn unanalysed();
         }
     }";
-    let project = or_skip!(Project::new("untold"));
+    let project = or_skip!(Project::new("unanalysed"));
     let flaws = project.with("idle", code).with("items", items).flaws();
-    let mut told = flaws
+    let mut found = flaws
         .iter()
         .filter(|flaw| flaw.rule == Rule::UnknownInstruction);
     assert!(
-        told.any(|flaw| flaw.what.contains("the analysis finds no way")),
+        found.any(|flaw| flaw.what.contains("the analysis finds no way")),
         "{flaws:#?}"
     );
 }

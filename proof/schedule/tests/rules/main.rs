@@ -8,7 +8,7 @@ use std::{fs, path::Path, process::Command};
 use project::{Project, assert_caught};
 use schedule::{Report, Rule};
 
-/// What is found, or the end of the test, which has said why there is nothing.
+/// The value, or the end of the test, which has printed why there is none.
 macro_rules! or_skip {
     ($found:expr) => {
         match $found {
@@ -20,7 +20,7 @@ macro_rules! or_skip {
 
 mod code;
 mod startup;
-mod uncounted;
+mod tasks_without_deadline;
 
 #[test]
 fn an_application_that_keeps_all_rules_is_proven() {
@@ -153,15 +153,18 @@ fn a_task_without_times_is_a_fault_of_the_configuration() {
     let project = or_skip!(Project::new("no-times"));
     let project = project.configured("[task.work]", "[task.labour]");
     let flaws = project.flaws();
-    let told = |name: &str| {
+    let is_reported = |name: &str| {
         let mut flaws = flaws.iter().filter(|flaw| flaw.rule == Rule::Configuration);
         flaws.any(|flaw| flaw.what.contains(name) && !flaw.remedy.is_empty())
     };
-    assert!(told("`work`") && told("`labour`"), "{flaws:#?}");
+    assert!(
+        is_reported("`work`") && is_reported("`labour`"),
+        "{flaws:#?}"
+    );
 }
 
 #[test]
-fn a_requirement_that_is_not_met_is_told_with_both_figures() {
+fn a_requirement_that_is_not_met_is_reported_with_both_figures() {
     let project = or_skip!(Project::new("unmet"));
     let project = project.configured("step_wcet_cycles = 200", "step_wcet_cycles = 20");
     let flaws = project.flaws();
@@ -229,7 +232,7 @@ fn code_in_ram_that_needs_the_flash_is_caught() {
 }
 
 #[test]
-fn runs_of_another_regime_are_never_in_the_way() {
+fn runs_of_another_regime_never_interfere() {
     let response = |name: &str, regimes: [&str; 2]| {
         let mode = |name: &str, regime: &str| {
             format!(
@@ -251,7 +254,7 @@ fn runs_of_another_regime_are_never_in_the_way() {
 }
 
 #[test]
-fn a_loop_that_counts_beside_what_it_reads_may_have_a_bound() {
+fn a_loop_that_counts_and_reads_may_have_a_bound() {
     let code = "// wcet-bound: 20
             for _ in 0..core::hint::black_box(20) {
                 if device::has_byte() {
@@ -289,7 +292,7 @@ fn floating_point_in_an_urgent_task_is_caught() {
     assert!(flaw.what.contains("`receive`"), "{}", flaw.what);
 }
 
-/// What a task with a deadline calls, on a condition.
+/// A function that a task with a deadline calls on a condition.
 const HELPER_MODULE: &str = "mod helper {
         #[inline(never)]
         pub fn main() {
@@ -322,7 +325,7 @@ fn what_is_exempt_is_not_called_by_a_task_with_a_deadline() {
 }
 
 #[test]
-fn a_way_through_a_task_that_no_mode_has_is_caught() {
+fn a_path_through_a_task_that_no_mode_has_is_caught() {
     let build = |name: &str, second: &str| {
         let items = "#[inline(never)]
     fn produce() {

@@ -39,9 +39,9 @@ fn a_loop_that_waits_without_feeding_the_watchdog_is_caught() {
         ("sometimes", &sometimes),
     ] {
         let (flaws, _) = or_skip!(idle(name, code));
-        let mut told = flaws.iter().filter(|flaw| flaw.rule == Rule::Watchdog);
+        let mut found = flaws.iter().filter(|flaw| flaw.rule == Rule::Watchdog);
         assert!(
-            told.any(|flaw| flaw.what.contains("no loop feeds")),
+            found.any(|flaw| flaw.what.contains("no loop feeds")),
             "{flaws:#?}"
         );
     }
@@ -53,16 +53,16 @@ fn a_watchdog_that_waits_less_than_the_tasks_with_deadlines_may_take_is_caught()
     let project = with_watchdog(project).with("idle", "device::write_pins(0xaaaa);");
     let project = project.configured("period_us = 100_000.0", "period_us = 0.5");
     let flaws = project.flaws();
-    let mut told = flaws.iter().filter(|flaw| flaw.rule == Rule::Requirement);
+    let mut found = flaws.iter().filter(|flaw| flaw.rule == Rule::Requirement);
     assert!(
-        told.any(|flaw| flaw.what.starts_with("wait of the watchdog")),
+        found.any(|flaw| flaw.what.starts_with("wait of the watchdog")),
         "{flaws:#?}"
     );
 }
 
 #[test]
-fn a_function_that_need_not_feed_the_watchdog_and_is_not_there_is_told() {
-    let told = |name: &str, only: &str| {
+fn a_function_that_need_not_feed_the_watchdog_and_is_not_there_is_reported() {
+    let reported = |name: &str, only: &str| {
         let entry = format!(
             "[[watchdog.unfed]]\nfunction = \"old_name\"\nreason = \"it was there\"\n{only}\n[[exempt]]"
         );
@@ -73,32 +73,32 @@ fn a_function_that_need_not_feed_the_watchdog_and_is_not_there_is_told() {
         ))
     };
     let what = "a `[[watchdog.unfed]]` names `old_name`, which is no function of the program";
-    assert_eq!(or_skip!(told("stranger", "")), [what]);
+    assert_eq!(or_skip!(reported("stranger", "")), [what]);
     // Another program may have it.
-    let others = or_skip!(told("stranger-of-some", "only = \"some boards\"\n"));
+    let others = or_skip!(reported("stranger-of-some", "only = \"some boards\"\n"));
     assert_eq!(others, [""; 0]);
 }
 
 #[test]
-fn a_program_with_a_watchdog_of_which_nothing_is_said_is_told() {
+fn a_program_with_a_watchdog_of_which_nothing_is_said_is_reported() {
     let project = or_skip!(Project::new("no-tables"));
     let store = "// SAFETY: the register that feeds the watchdog.
             unsafe { (0x4000_3000 as *mut u32).write_volatile(0xaaaa) };";
     let project = project.with("idle", store);
-    let told = ["startup", "watchdog"].map(|table| {
+    let reported = ["startup", "watchdog"].map(|table| {
         format!("the program has a watchdog, and `schedule.toml` has no table [{table}]")
     });
-    assert_eq!(configuration_flaws(&project), told);
+    assert_eq!(configuration_flaws(&project), reported);
 }
 
-/// What is wrong with `schedule.toml`.
+/// The flaws of `schedule.toml`.
 fn configuration_flaws(project: &Project) -> Vec<String> {
     let flaws = project.flaws().into_iter();
     let flaws = flaws.filter(|flaw| flaw.rule == Rule::Configuration);
     flaws.map(|flaw| flaw.what).collect()
 }
 
-/// What an initialisation may be made of.
+/// The parts of an initialisation.
 const ITEMS: &str = "#[inline(always)]
     fn outputs() {
         device::write_pins(1);

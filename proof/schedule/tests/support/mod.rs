@@ -1,4 +1,4 @@
-//! What the tests share: programs for the target, compiled here.
+//! Shared by the tests: programs for the target, compiled here.
 #![allow(dead_code, reason = "each test uses a part")]
 
 use std::{

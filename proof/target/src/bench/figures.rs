@@ -51,14 +51,14 @@ impl Cost {
 pub(super) struct Run {
     pub(super) whole: Report,
     pub(super) settings: Report,
-    /// What the times of the steps cost, within the whole.
+    /// The cost of computing the times of the steps, within the whole.
     pub(super) step_times: Cost,
-    /// What the cost is divided by.
+    /// The divisor of the cost.
     pub(super) count: u64,
 }
 
 impl Run {
-    /// What each task cost for the workload without its settings, per step, period or line.
+    /// The cost of each task for the workload without its settings, per step, period or line.
     fn costs(&self) -> Vec<(&str, Cost)> {
         let cost = |report: &Report, name: &str| {
             let found = report.tasks.iter().find(|task| task.name == name);
@@ -88,9 +88,9 @@ pub(super) struct Figure {
     cost: Cost,
     /// Cycles it should not exceed.
     target: Option<f64>,
-    /// What it is the sum of, by task.
+    /// Its terms, by task.
     parts: Vec<(String, Cost)>,
-    /// What of it goes into the times of the steps.
+    /// The part for the times of the steps.
     step_times: Option<Cost>,
 }
 

@@ -43,8 +43,8 @@ impl Monitor {
         Ok(ticks as f64 / f64::from(TICKS_PER_SECOND))
     }
 
-    /// Ends QEMU; only then does the plugin write its report. Keep the connection until it has ended:
-    /// QEMU forgets what a lost one has said.
+    /// Ends QEMU; only then does the plugin write its report. Keep the connection until QEMU has
+    /// ended the command: QEMU forgets the output for a lost connection.
     pub(super) fn quit(&mut self) -> Result<()> {
         self.command("quit")
     }
@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn memory_is_told_from_the_monitors_echo() {
+    fn memory_is_distinguished_from_the_monitors_echo() {
         let line = "0000000020000010: 0x00000001 0xffffffff\r\n";
         assert_eq!(parse(line, 0x2000_0010), Some([1, u32::MAX]));
         assert_eq!(parse(line, 0x2000_0014), None);

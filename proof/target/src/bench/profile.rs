@@ -26,10 +26,10 @@ const LINES: usize = 30;
 /// Least share of a task's cycles for a row, percent: its own, or with all that is inlined in it.
 const LEAST_OWN: f64 = 0.2;
 const LEAST_ALL: f64 = 2.0;
-/// A task with less than one part in this of all cycles is not looked into.
+/// A task with less than one part in this of all cycles is not broken down.
 const NEGLIGIBLE: u64 = 200;
 
-/// What one function or line costs.
+/// The cost of one function or line.
 #[derive(Default, Clone, Copy)]
 struct Share {
     /// Executions of its most executed instruction: about how often it ran.
@@ -94,7 +94,8 @@ fn files(report: &Report, program: &Loader) {
     }
 }
 
-/// What the functions whose paths begin with one of `prefixes` cost, with what is inlined in them.
+/// The cost of the functions whose paths begin with one of `prefixes`, with all code inlined into
+/// them.
 pub(super) fn cost_of(report: &Report, elf: &Path, prefixes: &[&str]) -> Result<Cost> {
     let mut cost = Cost::default();
     for (runs, cycles) in sites_of(report, elf, prefixes)? {
@@ -249,7 +250,7 @@ fn shorten(file: &str) -> &str {
     inside.or_else(registry).or_else(library).unwrap_or(file)
 }
 
-/// The dearest by own cycles, with the dearest containers, in the order of their own cycles.
+/// The costliest by own cycles, with the costliest containers, in the order of their own cycles.
 fn table(what: &str, shares: HashMap<String, Share>, total: u64, rows: usize) {
     let percent = |cycles: u64| cycles as f64 * 100.0 / total.max(1) as f64;
     let mut sorted: Vec<_> = shares.into_iter().collect();

@@ -8,7 +8,7 @@ use super::report::Report;
 
 /// The emulated board has no step timer and no watchdog: these handlers stand for the hardware.
 pub(super) const STAND_INS: [&str; 2] = ["TIM2", "TIM3"];
-/// What runs outside handlers: initialisation and idling.
+/// Code outside of handlers: initialisation and idling.
 pub(super) const THREAD: &str = "thread";
 /// The step interrupt.
 pub(super) const STEP: &str = "step";
@@ -37,7 +37,7 @@ impl Names {
             let dispatchers = rest.split(']').next().unwrap_or_default();
             if !dispatchers.contains(',') {
                 let software = source.split("async fn ").skip(1).map(identifier);
-                // Functions beside the tasks take no context.
+                // Functions that are no tasks take no context.
                 let is_task = |name: &String| source.contains(&format!("{name}::Context"));
                 let software: Vec<String> = software.filter(is_task).collect();
                 names.push((identifier(dispatchers), software.join(", ")));

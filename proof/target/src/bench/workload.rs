@@ -1,4 +1,4 @@
-//! What the firmware is made to do while it is counted.
+//! The workloads of the benchmark.
 
 use std::f64::consts::TAU;
 
@@ -20,7 +20,7 @@ pub(super) struct Workload {
     pub(super) end_mm: [f64; 3],
     /// How long it moves when the look-ahead never runs dry, seconds.
     pub(super) motion_s: f64,
-    /// What its cost is divided by: steps, periods of the fastest axis, or lines.
+    /// The divisor of its cost: steps, periods of the fastest axis, or lines.
     pub(super) count: u64,
 }
 
@@ -126,8 +126,8 @@ pub(super) fn raster() -> Workload {
 /// before them.
 const REPLANNED: f64 = 105.0;
 
-/// Short lines in a row, too fast to be stopped in fewer than 105 of them: each that comes lets those
-/// before it be faster. Per line.
+/// Short lines in a row, too fast to be stopped in fewer than 105 lines: each new line raises the
+/// speed of the lines before. Per line.
 pub(super) fn replanned() -> Workload {
     const LINES: u32 = 1200;
     const LINE_MM: f64 = 0.05;

@@ -9,15 +9,15 @@ use serde::Serialize;
 use self::{flash::flash, serial::serial};
 use super::facts::Facts;
 
-/// What becomes of a check, or of a part of it.
+/// The result of a check, or of a part of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Verdict {
-    /// It is as it must be.
+    /// Passed.
     Passed,
-    /// It is not.
+    /// Failed.
     Failed,
-    /// It cannot be measured here.
+    /// Not measurable here.
     Open,
 }
 
@@ -26,7 +26,7 @@ pub(super) enum Verdict {
 pub(super) struct Item {
     pub(super) name: String,
     pub(super) expected: String,
-    /// What was measured, or why it was not.
+    /// The measured value, or the reason for a missing one.
     pub(super) measured: String,
     pub(super) verdict: Verdict,
 }
@@ -52,7 +52,7 @@ impl Check {
     }
 }
 
-/// What the facts must be on a board, by its file and by the program.
+/// The facts that a board must show, from its file and the program.
 #[derive(Debug, Clone)]
 pub(super) struct Expected {
     /// The number of the chip's kind.
@@ -83,7 +83,7 @@ pub(super) fn chip_number(hal: &str) -> Option<i64> {
     found.map(|(_, number)| *number)
 }
 
-/// What a fact needs to be measured.
+/// The requirement for measuring a fact.
 #[derive(Clone, Copy)]
 enum Need {
     /// The program.
@@ -292,8 +292,9 @@ const BITS: [(&str, Need, &str, i64); 3] = [
 const CHIP_CYCLES: i64 = 24;
 const EMULATED_CYCLES: i64 = 2;
 
-/// Returns what all times together may be off: no more than one of them, so that a timer that is wrong by one
-/// cycle in each shows. The emulator's timer loses part of a nanosecond each time it begins anew.
+/// Returns the allowed error of all times together: no more than that of a single time, so that a
+/// timer with an error of one cycle in each time is found. The emulator's timer loses part of a
+/// nanosecond each time it begins anew.
 fn allowed_in_all(facts: &Facts, pushed: i64) -> i64 {
     if facts.are_emulated() {
         EMULATED_CYCLES + pushed / 4
@@ -356,7 +357,7 @@ fn step_timer(parts: &mut Parts<'_>, _: &Expected) {
     reloads(parts);
 }
 
-/// What is halted in the middle stays where it is, and goes on from there.
+/// A halted motion stays in place, and continues from there.
 fn halts(parts: &mut Parts<'_>) {
     parts.add_all(
         "halts: events",
@@ -386,7 +387,7 @@ fn add_both(parts: &mut Parts<'_>, name: &str, first: (&str, &str), second: (&st
     });
 }
 
-/// An event that is appended behind the last comes in its time or after another start, never at another time.
+/// An event that is appended after the last comes in its time or after another start, never at another time.
 fn appends(parts: &mut Parts<'_>, allowed: i64) {
     parts.add_all(
         "late appends: events",
@@ -432,7 +433,7 @@ fn reloads(parts: &mut Parts<'_>) {
     });
 }
 
-/// Faults: what the facts call them, the cause that must be found after the reset, and what it needs.
+/// Faults: the name in the facts, the reset cause that must be found, and the requirement.
 const FAULTS: [(&str, &str, ResetCause, Need); 6] = [
     (
         "undefined",
@@ -465,7 +466,7 @@ const FAULTS: [(&str, &str, ResetCause, Need); 6] = [
 /// Longest time from a fault to outputs that are off, cycles: 0.3 ms, in which the stack grows to its end.
 const MOST_CYCLES_TO_OFF: i64 = 50_000;
 
-/// Each fault switches the outputs off, resets the chip, and is told before and after that.
+/// Each fault switches the outputs off, resets the chip, and is reported before and after the reset.
 fn faults(parts: &mut Parts<'_>, _: &Expected) {
     for (fault, name, cause, need) in FAULTS {
         let fact = |what: &str| format!("fault.{fault}.{what}");

@@ -19,7 +19,7 @@ use super::{
 
 /// The file by which the program knows that it is wanted.
 const WANTED: &str = "bring-up";
-/// The files that ask it for a stack without a guard, and for a flash that does not erase.
+/// The files that request a stack without a guard, and a flash that does not erase.
 pub(super) const UNGUARDED: &str = "unguarded";
 pub(super) const WORN_FLASH: &str = "worn";
 /// An instruction takes 4 ns, whatever this computer does meanwhile: so the clock of the emulated timers is exact.

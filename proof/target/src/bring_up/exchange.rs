@@ -1,4 +1,4 @@
-//! The serial line of the board: what faults tell, then bytes each way, each of which is compared.
+//! The serial line of the board: messages of faults, then bytes in both directions, all compared.
 //!
 //! `tests/bring_up/echo.rs` is the other side; the bytes of both are in `tests/bring_up/sequence.rs`.
 
@@ -18,10 +18,10 @@ use super::{
 const MARK: &[u8] = b"\r\n[bring-up]\r\n";
 /// Asks for a byte, in the emulator.
 const BYTE_REQUEST: &[u8] = b"\r\n[byte]\r\n";
-/// More than faults tell.
-const MOST_TOLD: usize = 1 << 16;
-/// What a fault tells the sender, and what the facts call it.
-const TOLD: [(&str, &str); 3] = [
+/// More bytes than all messages of faults.
+const MOST_RECEIVED: usize = 1 << 16;
+/// The messages of faults to the sender, with their names in the facts.
+const FAULT_MESSAGES: [(&str, &str); 3] = [
     ("told.processor", "[MSG:Fault: processor fault]"),
     ("told.panic", "[MSG:Fault: panic at "),
     ("told.interrupt", "[MSG:Fault: unknown interrupt]"),
@@ -29,32 +29,35 @@ const TOLD: [(&str, &str); 3] = [
 
 /// Sends a byte when the program in the emulator asks for one: to somebody who does not receive yet.
 pub(super) fn send_early(from: &mut dyn Read, mut to: impl Write) -> Result<()> {
-    told_until(from, BYTE_REQUEST)?;
+    receive_until(from, BYTE_REQUEST)?;
     to.write_all(b"$")
         .context("cannot write to the serial line")
 }
 
-/// Reads what the board tells before the exchange, and counts the faults.
+/// Reads the messages of the board before the exchange, and counts the faults.
 pub(super) fn listen(from: &mut dyn Read, facts: &mut Facts) -> Result<()> {
-    let told = told_until(from, MARK)?;
-    for (name, message) in TOLD {
-        facts.count(name, told.matches(message).count());
+    let received = receive_until(from, MARK)?;
+    for (name, message) in FAULT_MESSAGES {
+        facts.count(name, received.matches(message).count());
     }
     Ok(())
 }
 
-/// Reads what the board tells up to a mark.
-fn told_until(from: &mut dyn Read, mark: &[u8]) -> Result<String> {
-    let mut told = Vec::new();
+/// Reads the output of the board up to a mark.
+fn receive_until(from: &mut dyn Read, mark: &[u8]) -> Result<String> {
+    let mut received = Vec::new();
     let mut byte = [0];
-    while !told.ends_with(mark) {
+    while !received.ends_with(mark) {
         let length = from.read(&mut byte);
         let length = length.context("the board says nothing at its serial line")?;
         ensure!(length == 1, "the serial line is closed");
-        ensure!(told.len() < MOST_TOLD, "the board does not come to its end");
-        told.push(byte[0]);
+        ensure!(
+            received.len() < MOST_RECEIVED,
+            "the board does not come to its end"
+        );
+        received.push(byte[0]);
     }
-    Ok(String::from_utf8_lossy(&told).into_owned())
+    Ok(String::from_utf8_lossy(&received).into_owned())
 }
 
 /// Sends so many bytes and counts what comes back, until everything has or nothing comes any more.
@@ -139,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_that_is_lost_or_changed_on_its_way_back_is_counted() {
+    fn a_byte_that_is_lost_or_changed_on_return_is_counted() {
         let right: Vec<u8> = bytes_of(FROM_BOARD).take(150).collect();
         assert_eq!(answered(&right, 150), (Some(150), Some(0)));
         let mut changed = right.clone();
@@ -198,7 +201,7 @@ mod tests {
             \r\n[bring-up]\r\n[MSG:Fault: processor fault]\r\n";
         let mut facts = Facts::default();
         listen(&mut text.as_bytes(), &mut facts).unwrap();
-        let counts = TOLD.map(|(name, _)| facts.get(name));
+        let counts = FAULT_MESSAGES.map(|(name, _)| facts.get(name));
         assert_eq!(counts, [Some(1), Some(1), Some(0)]);
         let silent = listen(&mut &b"\r\n[MSG:"[..], &mut facts);
         assert_eq!(silent.unwrap_err().to_string(), "the serial line is closed");

@@ -1,4 +1,4 @@
-//! What the program on the board sends: a line of a name and a number for each fact.
+//! Facts that the program on the board sends: a line of a name and a number for each.
 
 use std::collections::BTreeMap;
 
@@ -74,8 +74,8 @@ pub(super) fn take_until(text: &mut String, line: &str) -> Option<String> {
         .match_indices(&end)
         .map(|(place, _)| place)
         .find(|place| *place == 0 || text[..*place].ends_with('\n'))?;
-    let rest = text.split_off(place + end.len());
-    let mut part = std::mem::replace(text, rest);
+    let after = text.split_off(place + end.len());
+    let mut part = std::mem::replace(text, after);
     part.truncate(place);
     Some(part)
 }

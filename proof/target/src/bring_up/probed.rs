@@ -45,7 +45,7 @@ mod with_probe {
         flash, latency,
     };
 
-    /// Where the channels are told.
+    /// The address of the channels.
     const RTT_SYMBOL: &str = "_SEGGER_RTT";
     /// Time for which the probe leaves the chip alone: until the program has set up its memory.
     const UNREAD_TIME: Duration = Duration::from_secs(1);
@@ -57,7 +57,7 @@ mod with_probe {
         tv_nsec: 0,
     };
 
-    /// Writes the program to a board, runs it, and returns what it says.
+    /// Writes the program to a board, runs the program, and returns its output.
     pub(in crate::bring_up) fn run(
         board: &Board,
         elf: &Path,
@@ -65,7 +65,7 @@ mod with_probe {
         port: Option<&Path>,
     ) -> Result<Facts> {
         let place = target::emulator::symbol(elf, RTT_SYMBOL)?;
-        // Before the program tells its faults.
+        // Before the program reports its faults.
         let port = port
             .map(|path| {
                 let opened = latency::open_port(path);
@@ -103,7 +103,7 @@ mod with_probe {
         Ok(facts)
     }
 
-    /// What the program says.
+    /// The output of the program.
     struct Output {
         place: u64,
         channels: Option<Rtt>,

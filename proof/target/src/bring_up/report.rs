@@ -66,13 +66,13 @@ impl Report {
         self.is_emulated
     }
 
-    /// What its files are called.
+    /// The name of its files.
     pub(super) fn name(&self) -> String {
         let number = self.unique_number.as_deref().unwrap_or("emulated");
         format!("{}-{number}", self.board)
     }
 
-    /// What came of it, in a sentence.
+    /// The result, in a sentence.
     pub(super) fn summary(&self) -> String {
         let count = |verdict| {
             let items = self.checks.iter().flat_map(|check| &check.items);
@@ -160,7 +160,7 @@ fn escaped(text: &str) -> String {
     text.replace('"', "&quot;")
 }
 
-/// See whether the digest of a report is that of what else is in it.
+/// Checks whether a report has the digest of its other entries.
 pub(super) fn verify(text: &[u8]) -> Result<()> {
     let mut report: Value = serde_json::from_slice(text).context("the report is no JSON")?;
     let entries = report.as_object_mut().context("the report is no object")?;

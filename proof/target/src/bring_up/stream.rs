@@ -95,8 +95,8 @@ mod tests {
     /// Bytes of a stream.
     const BYTES: u32 = 1 << 16;
 
-    /// A board that sends at this baud rate, its bytes in packets of an adapter, and one of its bytes wrong;
-    /// and the clock of a computer that is late in reading one of them.
+    /// A board that sends at this baud rate, in packets of an adapter, with one wrong byte; and the
+    /// clock of a computer that reads one of the bytes late.
     struct Board<'a> {
         baud: f64,
         sent: usize,

@@ -1,4 +1,4 @@
-//! What was measured beside the table.
+//! The comparison of measured costs with the table.
 
 use anyhow::{Context, Result, ensure};
 
@@ -14,9 +14,9 @@ const LINE: u64 = 4;
 pub(super) struct Row {
     /// Its name.
     pub(super) class: String,
-    /// What was measured, cycles.
+    /// The measured cycles.
     pub(super) measured: u64,
-    /// What the table says, cycles.
+    /// The cycles of the table.
     pub(super) table: u64,
     /// The slowest of what the class stands for.
     pub(super) variant: String,
@@ -60,8 +60,9 @@ pub(super) fn compare(table: &[(String, u64)], samples: &[Sample]) -> Result<Vec
     Ok(rows.collect())
 }
 
-/// The cycles of one, as the table counts them: what is measured may contain what is counted in
-/// another class, a load or a refill of the pipeline, which is taken for what the table says.
+/// The cycles of one instruction, as the table counts them: a measured sequence may contain a load
+/// or a refill of the pipeline, which the table counts in another class, and whose cost is
+/// subtracted.
 fn cycles(sample: &Sample, load: u64, refill: u64) -> u64 {
     let each = sample.most.div_ceil(sample.repetitions);
     match sample.class.as_str() {

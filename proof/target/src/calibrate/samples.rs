@@ -1,10 +1,10 @@
-//! What the program on the board sends.
+//! Samples that the program on the board sends.
 
 use std::str::FromStr;
 
 use anyhow::{Context, Result, bail, ensure};
 
-/// What repetitions of something took.
+/// The measured times of repetitions of an instruction.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Sample {
     /// Class of the analysis' table.
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_off_or_makes_no_sense_is_refused() {
+    fn a_truncated_or_meaningless_sample_is_refused() {
         for (text, reason) in [
             ("sample divide udiv 32 380 384\n", "not come to its end"),
             ("", "not come to its end"),

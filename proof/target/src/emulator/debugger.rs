@@ -3,9 +3,9 @@
 //! The machine stands still from the beginning of a connection to its end, except between
 //! [`Debugger::resume`] and [`Debugger::interrupt`]. GDB's manual, "Remote Protocol".
 //!
-//! While it runs, QEMU takes any byte for a wish to stop it, and drops the byte; and it drops a wish
-//! that comes before the receipt for its last packet. So each packet of QEMU is waited for, and has
-//! its receipt before anything else is sent.
+//! While the machine runs, QEMU takes any byte for a request to stop, and drops the byte; a request
+//! before the receipt for QEMU's last packet is dropped too. So each packet of QEMU is waited for,
+//! and has its receipt before anything else is sent.
 
 use std::{
     fmt::Write as _,
@@ -152,10 +152,10 @@ mod tests {
 
     const STOPPED: &str = "$T02thread:01;#04";
     const ATTACHED: (&str, &str) = ("", "$qAttached#8f");
-    /// What QEMU says then.
+    /// QEMU's answer.
     const YES: &str = "+$1#31";
 
-    /// QEMU's side of a conversation: what it says, and what it must hear next.
+    /// QEMU's side of a conversation: the packets sent, and the packets expected next.
     fn qemu(conversation: Vec<(&'static str, &'static str)>) -> (UnixStream, JoinHandle<()>) {
         let (mut qemu, ours) = UnixStream::pair().unwrap();
         qemu.set_read_timeout(Some(TIMEOUT)).unwrap();
@@ -166,9 +166,9 @@ mod tests {
                 qemu.read_exact(&mut heard).unwrap();
                 assert_eq!(String::from_utf8_lossy(&heard), hears);
             }
-            let mut rest = Vec::new();
-            qemu.read_to_end(&mut rest).unwrap();
-            assert_eq!(String::from_utf8_lossy(&rest), "");
+            let mut output = Vec::new();
+            qemu.read_to_end(&mut output).unwrap();
+            assert_eq!(String::from_utf8_lossy(&output), "");
         };
         (ours, thread::spawn(play))
     }

@@ -9,8 +9,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Between two looks at whether the patience is over.
-const LOOK: Duration = Duration::from_millis(500);
+/// Time between two checks of the patience.
+const CHECK_INTERVAL: Duration = Duration::from_millis(500);
 
 /// A limit to the time that a process takes.
 #[derive(Debug, Clone, Copy)]
@@ -80,7 +80,7 @@ pub(crate) struct Patient {
 
 impl Patient {
     pub(crate) fn new(stream: UnixStream, process: u32, limit: Duration) -> io::Result<Self> {
-        stream.set_read_timeout(Some(LOOK.min(limit)))?;
+        stream.set_read_timeout(Some(CHECK_INTERVAL.min(limit)))?;
         stream.set_write_timeout(Some(limit))?;
         Ok(Self {
             stream,

@@ -49,7 +49,7 @@ pub struct Emulator {
     contacts: u64,
 }
 
-/// What the pins have done.
+/// The recorded edges of the pins.
 #[derive(Debug, PartialEq)]
 pub struct Pins {
     /// Events that began a pulse.
@@ -168,7 +168,7 @@ impl Emulator {
 
     /// The serial line, for another to use, who has to read it at all times.
     pub fn line(&mut self) -> Result<OwnedFd> {
-        self.serial.give_away()
+        self.serial.hand_over()
     }
 
     /// Mounts switches and a plate for the probe.

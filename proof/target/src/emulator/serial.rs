@@ -22,7 +22,7 @@ use grbl_client::Lines;
 
 /// How long QEMU may take to take bytes.
 const TIMEOUT: Duration = Duration::from_secs(20);
-/// Longest wait for bytes before it is looked whether another reads them from now on.
+/// Longest wait for bytes before checking whether the line was handed over.
 const WAIT: Duration = Duration::from_millis(20);
 
 /// See the module.
@@ -79,7 +79,7 @@ impl Serial {
     }
 
     /// Gives the line to another, who has to read it at all times.
-    pub(super) fn give_away(&mut self) -> Result<OwnedFd> {
+    pub(super) fn hand_over(&mut self) -> Result<OwnedFd> {
         self.is_over.store(true, Relaxed);
         if let Some(reader) = self.reader.take() {
             reader.join().expect("the reader does not panic");
@@ -148,11 +148,11 @@ mod tests {
     }
 
     #[test]
-    fn the_line_is_another_s_when_it_is_given_away() {
+    fn the_line_is_another_s_when_it_is_handed_over() {
         let (mut qemu, mut serial) = line();
         qemu.write_all(b"ok\r\n").unwrap();
         serial.receive(TIMEOUT).unwrap();
-        let mut theirs = UnixStream::from(serial.give_away().unwrap());
+        let mut theirs = UnixStream::from(serial.hand_over().unwrap());
         qemu.write_all(b"<Idle>").unwrap();
         let mut bytes = [0; 6];
         theirs.read_exact(&mut bytes).unwrap();
@@ -160,10 +160,10 @@ mod tests {
     }
 
     #[test]
-    fn a_line_with_unread_bytes_is_not_given_away() {
+    fn a_line_with_unread_bytes_is_not_handed_over() {
         let (mut qemu, mut serial) = line();
         qemu.write_all(b"ok\r\n<Idle").unwrap();
         serial.receive(TIMEOUT).unwrap();
-        assert!(serial.give_away().is_err());
+        assert!(serial.hand_over().is_err());
     }
 }

@@ -1,4 +1,4 @@
-//! What was measured beside what was proven.
+//! The comparison of measured times with proven bounds.
 //!
 //! A record begins when the task's first instructions have been executed and ends before its last
 //! ones, so it is always shorter than what the bounds are for. Of the bounds, that part is taken off
@@ -18,24 +18,24 @@ use serde::{Deserialize, Serialize};
 
 use super::measurement::{Clock, Task, Unit};
 
-/// Entry of an exception with what comes before the time is taken, cycles: a part of the task's
-/// execution that its latency has in it. 12 for the entry, 5 for the vector, and the first
-/// instructions of the task, from a cold cache.
+/// Cycles from the entry of an exception to the record of its time: a part of the task's execution
+/// that is also in its latency. 12 for the entry, 5 for the vector, and the first instructions of
+/// the task, from a cold cache.
 const BEGINNING: u64 = 120;
 
-/// What is proven of a firmware.
+/// The proven bounds of a firmware.
 pub(super) struct Proof {
     /// The bounds, by the name of the task.
     pub(super) bounds: BTreeMap<String, Bound>,
     /// The clock of the core, Hz.
     pub(super) core_hz: u64,
-    /// What stands in the way of a proof.
+    /// The reason for a missing proof.
     pub(super) missing: Option<String>,
 }
 
 impl Proof {
-    /// Analyses a firmware, the very one that is measured, so what its records cost is in its
-    /// bounds; at the step rate that it allows.
+    /// Analyses the measured firmware itself, so that the bounds include the cost of recording, at
+    /// the step rate of the image.
     pub(super) fn of(elf: &Path, board: &Board) -> Result<Self> {
         let hz = crate::step_rate(elf)?.hz();
         let report = Report::of(elf, board, hz)?;
@@ -47,7 +47,7 @@ impl Proof {
     }
 }
 
-/// What the analysis says, as far as it matters here.
+/// The part of the analysis' report that is used here.
 #[derive(Debug, Default, Deserialize)]
 struct Report {
     clock_hz: u64,
@@ -77,7 +77,7 @@ impl Report {
         let mut command = tools::command(tools::SCHEDULE)?;
         command.args(["--board", &board.argument(), "--step-rate", &rate, "--elf"]);
         command.arg(elf).arg("--json").arg(&file);
-        // What is not proven makes it fail, and is told later.
+        // A missing proof makes the command fail, and is reported later.
         let ended = command.stdout(Stdio::null()).stderr(Stdio::null()).status();
         ended.context("cannot start the analysis")?;
         let text = fs::read(&file).context("the analysis has left no report")?;
@@ -86,7 +86,7 @@ impl Report {
     }
 }
 
-/// What is wrong with a firmware that is recorded, in one sentence.
+/// The first flaw of a recorded firmware, in one sentence.
 fn flaws(report: &Report) -> Option<String> {
     let first = report.flaws.first()?;
     Some(format!(
@@ -96,7 +96,7 @@ fn flaws(report: &Report) -> Option<String> {
     ))
 }
 
-/// What is proven of a task, cycles.
+/// The proven bounds of a task, cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Bound {
     /// Its execution time, with entry and exit of the exception.
@@ -131,7 +131,7 @@ fn bounds(report: &Report) -> BTreeMap<String, Bound> {
 pub(crate) struct Comparison {
     /// The bound, cycles.
     pub(crate) bound: u64,
-    /// By how much the maximum is above it: 0, it is not; `None`, the clock does not allow to tell.
+    /// By how much the maximum is above it: 0, it is not; `None`: the clock does not allow a comparison.
     pub(crate) above: Option<u64>,
 }
 
@@ -155,8 +155,8 @@ impl Verdict {
 
 /// Compares a task with its bound.
 ///
-/// In the emulator, what releases tasks and what preempts them is not the hardware that the response
-/// times are proven for, so these are not compared. An execution time is: no instruction takes less
+/// In the emulator, tasks are released and preempted by other hardware than the response times are
+/// proven for, so response times are not compared. An execution time is: no instruction takes less
 /// than a cycle, so more instructions than the bound has cycles refute it.
 pub(crate) fn compare(task: &Task, bound: &Bound, clock: Clock) -> Verdict {
     let is_chip = clock.unit == Unit::Cycles;

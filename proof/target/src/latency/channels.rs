@@ -11,7 +11,7 @@ use target::emulator::symbol;
 /// The firmware's control block, and the counts of the records that it has dropped.
 const CONTROL_BLOCK: &str = "_SEGGER_RTT";
 const DROPPED: &str = "TRACE_DROPPED";
-/// What a control block begins with.
+/// The first bytes of a control block.
 const MARK: &[u8; 16] = b"SEGGER RTT\0\0\0\0\0\0";
 /// Bytes before its channels, and of each: name, buffer, size, write, read, flags.
 const HEAD: usize = 24;
@@ -44,7 +44,7 @@ pub(super) trait Memory {
     }
 }
 
-/// One activation, as the firmware tells it. Times are counts of its clock, which wraps.
+/// One activation, as the firmware records it. Times are counts of its clock, which wraps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Record {
     pub(super) start: u32,
@@ -56,7 +56,7 @@ pub(super) struct Record {
     pub(super) number: u32,
 }
 
-/// What was read at one time.
+/// The records of one read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Batch {
     /// The firmware's clock, after everything else was read.
@@ -239,7 +239,7 @@ mod tests {
     const COUNTS: u32 = 0x200;
     const CLOCK: u32 = 0x210;
 
-    /// A chip with the panic's channel and one ring of four records, and what reads it.
+    /// A chip with the panic's channel and one ring of four records, and its reader.
     fn chip() -> (Ram, Channels) {
         let mut ram = Ram(vec![0; 0x300]);
         ram.0[..16].copy_from_slice(MARK);

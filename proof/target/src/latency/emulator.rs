@@ -62,7 +62,7 @@ pub(super) fn measure(options: &Options) -> Result<Outcome> {
 /// Executes a short program on the emulated board and compares what is recorded with what the pins
 /// did: a check of `cargo xtask test`.
 pub(crate) fn check() -> Result<Verdict> {
-    /// Of a way of 2 s, in which the host finds the time to read however busy it is.
+    /// For a motion of 2 s, in which the host finds the time to read however busy it is.
     const PULSES: u64 = 25_000;
     /// Events in which no pulse begins or ends: the start, the stop, and very long waits.
     const OTHERS: u64 = 20;
@@ -184,7 +184,7 @@ impl Memory for Emulated {
 }
 
 impl Emulated {
-    /// Puts a plate under the probe that is closed for a part of the way of Z, so that there are
+    /// Puts a plate under the probe that is closed for a part of the path of Z, so that there are
     /// edges to take care of.
     fn put_plate(&mut self, elf: &Path) -> Result<()> {
         const CONTACTS: &str = "CONTACTS";

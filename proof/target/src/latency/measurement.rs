@@ -1,4 +1,4 @@
-//! What was measured of each task, and on which clock.
+//! The measurement of each task, and its clock.
 
 use serde::Serialize;
 
@@ -8,17 +8,17 @@ use super::{
     nesting::{Activation, Nesting},
 };
 
-/// What the firmware's records count.
+/// The unit of the firmware's records.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Clock {
-    /// The unit of everything that is told.
+    /// The unit of all reported times.
     pub(crate) unit: Unit,
     /// Counts of the firmware's clock in a unit.
     pub(crate) counts: u64,
     /// Units that an exception's entry and exit take outside of its record.
     pub(crate) entry_and_exit: u64,
-    /// What a preemption costs at most besides that: the rest of what is outside of the record, an
-    /// instruction that begins again, and lines that the instruction cache has lost.
+    /// The highest further cost of a preemption: entry and exit outside of the record, an
+    /// instruction that begins again, and lines lost from the instruction cache.
     pub(crate) preemption: u64,
 }
 
@@ -62,7 +62,7 @@ impl Clock {
     }
 }
 
-/// What was measured of one task.
+/// The measurement of one task.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Task {
     pub(crate) name: String,
@@ -190,7 +190,7 @@ mod tests {
         }
     }
 
-    /// A step that preempts a `prepare`, and one that does not.
+    /// A step that preempts a `prepare`, and a step that does not.
     fn batch(scale: u32) -> Batch {
         let step = |number, start| record(number, start * scale, 60 * scale, Some(30 * scale));
         let prepare = record(0, 100 * scale, 1000 * scale, None);
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn latency_execution_and_response_are_told_apart() {
+    fn latency_execution_and_response_are_distinguished() {
         let tasks = measure(Clock::CHIP, 1);
         let [step, prepare] = tasks.as_slice() else {
             panic!("{tasks:?}");
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn the_emulators_time_is_told_in_instructions() {
+    fn the_emulators_time_is_reported_in_instructions() {
         let tasks = measure(Clock::EMULATOR, Clock::NS_PER_INSTRUCTION as u32);
         assert_eq!(tasks[0].execution.summary().max, 60);
         assert_eq!(tasks[1].execution.summary().max, 1000 - 60);

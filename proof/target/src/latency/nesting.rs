@@ -1,8 +1,8 @@
 //! Which activation preempted which: from records to the time that each task took for itself.
 //!
-//! There is one stack, so activations are nested or apart, never crossed. What a task took is its
+//! There is one stack, so activations are nested or disjoint, never crossed. What a task took is its
 //! duration less that of the activations inside, with the exception's entry and exit of each. Where
-//! a record was dropped that might have been inside, nobody knows, and that is what is said.
+//! a dropped record may have been inside, the execution time is reported as unknown.
 
 use std::{cmp::Reverse, mem};
 
@@ -17,7 +17,7 @@ pub(super) struct Activation {
     pub(super) end: u64,
     /// From its release to its start, where that is known.
     pub(super) latency: Option<u32>,
-    /// What it took for itself; `None` when a record was dropped that may have been inside.
+    /// The time of the activation itself; `None` when a dropped record may have been inside.
     pub(super) execution: Option<u64>,
     /// Activations directly inside.
     pub(super) preemptions: u32,
@@ -42,7 +42,7 @@ pub(super) struct Nesting {
     next: Vec<(u32, u64)>,
     gaps: Vec<Gap>,
     /// Activations of the last batch but one, which may be inside of later ones.
-    told: Vec<Activation>,
+    reported: Vec<Activation>,
     /// Activations of the last batch, whose insides may be read with the next.
     held: Vec<Activation>,
     /// When the last activation ended that is not remembered any more.
@@ -56,7 +56,7 @@ impl Nesting {
             now: None,
             next: vec![(0, 0); tasks],
             gaps: Vec::new(),
-            told: Vec::new(),
+            reported: Vec::new(),
             held: Vec::new(),
             horizon: 0,
         }
@@ -88,14 +88,14 @@ impl Nesting {
             }
         }
         let settled = self.settle(&new);
-        let forgotten = mem::replace(&mut self.told, mem::replace(&mut self.held, new));
+        let forgotten = mem::replace(&mut self.reported, mem::replace(&mut self.held, new));
         let ends = forgotten.iter().map(|old| old.end);
         self.horizon = ends.fold(self.horizon, u64::max);
         self.gaps.retain(|gap| gap.to >= self.horizon);
         settled
     }
 
-    /// What is left when the last batch has been read.
+    /// Returns the remaining activations after the last batch.
     pub(super) fn settle_all(&mut self) -> Vec<Activation> {
         self.settle(&[])
     }
@@ -109,8 +109,8 @@ impl Nesting {
 
     /// The held activations with what is inside of them.
     fn settle(&self, new: &[Activation]) -> Vec<Activation> {
-        let held = self.told.len()..self.told.len() + self.held.len();
-        let mut all: Vec<_> = self.told.iter().chain(&self.held).chain(new).collect();
+        let held = self.reported.len()..self.reported.len() + self.held.len();
+        let mut all: Vec<_> = self.reported.iter().chain(&self.held).chain(new).collect();
         let places = held.map(|index| (all[index].task, all[index].start));
         let mut wanted: Vec<_> = places.collect();
         wanted.sort_unstable();

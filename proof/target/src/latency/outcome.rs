@@ -1,4 +1,4 @@
-//! What a measurement has found: as a table, as histograms, as JSON.
+//! The outcome of a measurement: as a table, as histograms, as JSON.
 
 use std::{collections::BTreeMap, fmt::Write as _};
 
@@ -14,15 +14,15 @@ use super::{
 /// Characters of the longest bar of a histogram.
 const BAR: f64 = 48.0;
 
-/// Everything that is told.
+/// The whole outcome.
 pub(crate) struct Outcome {
-    /// What was measured, and where: one line.
+    /// Program and board of the measurement: one line.
     pub(crate) subject: String,
     pub(crate) clock: Clock,
     /// The clock of the core, Hz.
     pub(crate) core_hz: u64,
     pub(crate) tasks: Vec<Measured>,
-    /// What stands in the way of a proof.
+    /// The reason for a missing proof.
     pub(crate) unproven: Option<String>,
 }
 
@@ -116,7 +116,7 @@ impl Outcome {
         text
     }
 
-    /// What has to be known to read the table.
+    /// Notes for reading the table.
     pub(crate) fn notes(&self) -> String {
         let mut text = String::new();
         let unit = self.clock.unit.name();
@@ -174,7 +174,7 @@ impl Outcome {
     }
 }
 
-/// What the emulator's clock means.
+/// The meaning of the emulator's clock.
 const EMULATED: &str = "\
     Under QEMU there is no cycle counter: time goes on by 8 ns of virtual time with each executed\n\
     instruction, whatever it is, and is told in instructions. Each takes a cycle at least, so an\n\
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_maximum_above_its_bound_is_seen_and_told() {
+    fn a_maximum_above_its_bound_is_seen_and_reported() {
         let outcome = outcome(300, Some(310), Clock::CHIP);
         assert!(outcome.is_refuted());
         assert!(outcome.table().contains("14 above"), "{}", outcome.table());
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn the_emulators_latency_stands_beside_its_bound_without_a_verdict() {
+    fn the_emulators_latency_is_shown_with_its_bound_without_a_verdict() {
         let outcome = outcome(300, Some(310), Clock::EMULATOR);
         assert!(!outcome.is_refuted());
         assert!(outcome.table().contains("(810)"), "{}", outcome.table());
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn dropped_records_and_missing_bounds_are_told() {
+    fn dropped_records_and_missing_bounds_are_reported() {
         let outcome = outcome(300, None, Clock::CHIP);
         assert!(!outcome.is_refuted());
         assert!(outcome.notes().contains("3 activations, 2 not recorded"));

@@ -21,7 +21,7 @@ const NAMES: i32 = 150;
 const COUNTS: i32 = 46;
 const EXECUTION: RGBColor = RGBColor(34, 139, 94);
 const BOUND: RGBColor = RGBColor(205, 66, 70);
-/// What is drawn of each task, and its colour.
+/// The drawn distribution of each task, and its colour.
 const COLUMNS: [(&str, RGBColor); 2] = [("latency", SPEED), ("execution", EXECUTION)];
 
 /// Draws a picture.
@@ -52,8 +52,12 @@ pub(crate) fn draw(path: &Path, outcome: &Outcome) -> Result<()> {
             let each = tasks.iter().filter_map(|measured| quantity(measured, name));
             scale(each)
         });
-        let cuts: Vec<_> = rows.iter().map(|end| end * PX).collect();
-        for (row, measured) in body.split_by_breakpoints([0; 0], cuts).iter().zip(&tasks) {
+        let row_ends: Vec<_> = rows.iter().map(|end| end * PX).collect();
+        for (row, measured) in body
+            .split_by_breakpoints([0; 0], row_ends)
+            .iter()
+            .zip(&tasks)
+        {
             let (names, charts) = row.split_horizontally(NAMES * PX);
             draw_name(&names, measured)?;
             let half = (WIDTH - NAMES) / 2;

@@ -1,4 +1,4 @@
-//! What the firmware does while it is measured: a program, again and again until the time is over.
+//! The workload of the measurement: a program, repeated until the time is over.
 
 use std::{
     fs,
@@ -65,7 +65,7 @@ impl Workload {
         }
     }
 
-    /// What it is called.
+    /// Its name.
     pub(super) fn name(&self) -> &str {
         &self.name
     }

@@ -1,6 +1,6 @@
-//! What the firmware is made to do while it is followed: as much as it can at once.
+//! The workload of the replay: as much as the firmware can do at once.
 //!
-//! Scenes of one kind of stress each. None looks at the time: what is pressed or asked in motion
+//! Scenes of one kind of stress each. None depends on the time: what is pressed or asked in motion
 //! comes after so many lines, wherever the machine is by then.
 
 mod contacts;
@@ -47,7 +47,7 @@ pub(super) fn run(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
 
 /// Settings of a machine of 1000 steps/mm whose axes each may take all the steps there are.
 fn fast(step_rate_hz: u32, acceleration: f64) -> Vec<String> {
-    /// What a pulse of 3 µs leaves to one axis, with a pause as long behind it, Hz.
+    /// The highest rate of one axis with a pulse of 3 µs and an equal pause, Hz.
     const AXIS_HZ: u32 = 100_000;
     // A whole number of mm/s, so that the product is below the limit for certain.
     let speed_mm_min = 60 * (step_rate_hz.min(AXIS_HZ) / 1000);

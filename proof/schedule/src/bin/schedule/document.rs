@@ -22,7 +22,7 @@ const END: &str = "<!-- end -->\n";
 const BOARD: &str = "netduino-plus-2";
 const AXES: u8 = 3;
 
-/// What the documents are made from.
+/// The source of the documents.
 struct Made {
     page: String,
     json: String,

@@ -1,9 +1,9 @@
 //! The critical instant, played: every task released at once, as often again as it ever can be.
 //!
 //! A simulation of fixed-priority scheduling with preemption, on the tasks of a report. It begins
-//! behind the longest time for which less urgent code may hold tasks up. What it gives is one
-//! schedule that can happen; the response times of the report are bounds on all of them, so no task
-//! may end later here than they say.
+//! after the longest time for which less urgent code may hold tasks up. The result is one possible
+//! schedule; the response times of the report bound all schedules, so no task may end later here
+//! than its response time.
 
 use schedule::{Report, Task};
 
@@ -30,8 +30,8 @@ pub(super) struct Player {
 impl Player {
     /// The task at `index`, when it has a deadline and a bound.
     ///
-    /// Its execution time is that with a warm cache: what the misses add depends on what else runs,
-    /// and is only in the response times.
+    /// Its execution time is the WCET with a warm cache: the cost of misses depends on the other
+    /// tasks, and is only in the response times.
     fn of(task: &Task, index: usize) -> Option<Self> {
         let period = task.period_cycles?;
         task.deadline_cycles?;
@@ -64,7 +64,7 @@ pub(super) struct Blocker {
     pub(super) length: f64,
 }
 
-/// What runs in a slice of time.
+/// The running task of a slice of time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Runner {
     /// The less urgent code.
@@ -81,7 +81,7 @@ pub(super) struct Slice {
     pub(super) end: f64,
 }
 
-/// One release of a player and what becomes of it.
+/// One release of a player, and its end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Job {
     pub(super) player: usize,
@@ -146,9 +146,9 @@ impl Instant {
     }
 }
 
-/// Every task that is analysed; the modes of a task, `task: mode`, are tasks of one priority. Not
-/// those that are apart from others: they have an instant of their own; and of the regimes of a task
-/// only that which takes most of the processor.
+/// Every task that is analysed; the modes of a task, `task: mode`, are tasks of one priority. Rows
+/// that exclude the others are left out, since they have a critical instant of their own; of the
+/// regimes of a task only the one with the highest load is played.
 fn players(report: &Report) -> Vec<Player> {
     let load = |regime: &str| -> f64 {
         let tasks = report.tasks.iter();

@@ -136,7 +136,7 @@ fn clock(board: &Board) -> Result<Clock> {
     board.chip.clocks.to_string().parse().map_err(Error::msg)
 }
 
-/// What is asked of the firmware.
+/// The requested analysis of the firmware.
 fn config() -> Result<Config> {
     let path = cargo::root().join("schedule.toml");
     let text =
@@ -183,10 +183,10 @@ fn replay(board: &Board, elf: &Path, report: &Report) -> Result<bool> {
     Ok(verdict.is_passed() && played.success())
 }
 
-/// The rate that a report proves. That it is lower than the project asks for does not make it wrong.
+/// The rate that a report proves. A rate below the required one is no error here.
 fn rate(report: &Report) -> Result<u32> {
-    /// Flaws that are told where the proof is only a step on the way.
-    const TOLD: usize = 3;
+    /// Most flaws that are printed before a replay.
+    const MOST_SHOWN: usize = 3;
     // A loop of a task without a deadline is the watchdog's affair: no step waits for it.
     let asks = |rule| {
         matches!(
@@ -202,18 +202,18 @@ fn rate(report: &Report) -> Result<u32> {
         .filter(|flaw| rate == 0 || !asks(flaw.rule))
         .collect();
     if !wrong.is_empty() {
-        let told = wrong.iter().take(TOLD).map(|flaw| {
+        let shown = wrong.iter().take(MOST_SHOWN).map(|flaw| {
             let place = flaw.place.frames.first();
             let place = place.map_or(String::new(), |place| format!(", {place}"));
             format!("\n- {}{place}", flaw.what)
         });
-        let more = match wrong.len().saturating_sub(TOLD) {
+        let more = match wrong.len().saturating_sub(MOST_SHOWN) {
             0 => String::new(),
             more => format!("\n- and {more} more"),
         };
         bail!(
             "the timing of the firmware cannot be proven{}{more}\n`cargo xtask schedule` tells everything",
-            told.collect::<String>()
+            shown.collect::<String>()
         );
     }
     ensure!(

@@ -1,8 +1,9 @@
 //! Mutants: the firmware with a fault put into it, which the proof has to find.
 //!
-//! Each of ten kinds of fault is put at the beginning of functions that are drawn by a seed. A mutant
-//! is built and analysed as the firmware is; one that cannot be built, or whose code is that of the
-//! firmware, is none. What is known of a mutant is kept, so that a run that was stopped goes on.
+//! Each of ten kinds of fault is put at the beginning of functions that are drawn by a seed. A
+//! mutant is built and analysed as the firmware is; a copy that cannot be built, or has the code of
+//! the firmware, does not count. Results are kept, so that an interrupted run continues with the
+//! next mutant.
 
 mod fault;
 mod site;
@@ -30,19 +31,19 @@ use site::{Draw, Site};
 const TEXT: &str = "docs/scheduling.md";
 const BEGIN: &str = "<!-- begin: cargo xtask schedule --mutants --write -->\n";
 const END: &str = "<!-- end of mutants -->\n";
-/// What at the top of the project is not compiled.
+/// Entries at the top of the project that are not compiled.
 const NOT_COPIED: [&str; 2] = ["target", ".git"];
 
-/// What became of a mutant.
+/// The outcome of a mutant.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 enum Outcome {
-    /// It does not compile.
+    /// The mutant does not compile.
     Unbuilt,
     /// Its code is that of the firmware.
     Equal,
     /// The proof says what is wrong.
     Detected(String),
-    /// It is proven.
+    /// The mutant is proven.
     Survived,
 }
 
@@ -56,16 +57,18 @@ struct Tally {
 
 /// Builds and analyses so many mutants; whether all were found.
 pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result<bool> {
-    let mut workshop = Workshop::new(board)?;
-    let sites = workshop.sites()?;
-    let mut draws: Vec<Draw<'_>> = { FAULTS.iter().enumerate() }
+    let mut builder = MutantBuilder::new(board)?;
+    let sites = builder.sites()?;
+    let mut draws: Vec<Draw<'_>> = FAULTS
+        .iter()
+        .enumerate()
         .map(|(index, fault)| Draw::new(&sites, fault, seed.wrapping_add(index as u64)))
         .collect();
     let mut tallies: Vec<Tally> = FAULTS.iter().map(|_| Tally::default()).collect();
     for number in 0..count {
         let kind = number % FAULTS.len();
         let fault = &FAULTS[kind];
-        let Some((site, outcome)) = next(&mut workshop, fault, &mut draws[kind])? else {
+        let Some((site, outcome)) = next(&mut builder, fault, &mut draws[kind])? else {
             continue;
         };
         let tally = &mut tallies[kind];
@@ -83,15 +86,15 @@ pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result
     Ok(tallies.iter().all(|tally| tally.survivors.is_empty()))
 }
 
-/// The next mutant of a kind that is one: where the fault is, and what became of it.
+/// Returns the next mutant of a kind that counts: the place of the fault, and the outcome.
 fn next(
-    workshop: &mut Workshop,
+    builder: &mut MutantBuilder,
     fault: &Fault,
     draw: &mut Draw<'_>,
 ) -> Result<Option<(String, Outcome)>> {
     for (site, variant) in draw.by_ref() {
         let name = format!("{}: {}", fault.name, site);
-        let outcome = workshop.outcome(&name, site, &fault.code(variant))?;
+        let outcome = builder.outcome(&name, site, &fault.code(variant))?;
         match &outcome {
             Outcome::Unbuilt | Outcome::Equal => {}
             Outcome::Detected(what) => ui::status("Detected", &format!("{name}: {what}")),
@@ -105,7 +108,7 @@ fn next(
 }
 
 /// A copy of the project, and what is known of its mutants.
-struct Workshop<'a> {
+struct MutantBuilder<'a> {
     board: &'a Board,
     clock: Clock,
     folder: PathBuf,
@@ -116,7 +119,7 @@ struct Workshop<'a> {
     kept: PathBuf,
 }
 
-impl<'a> Workshop<'a> {
+impl<'a> MutantBuilder<'a> {
     fn new(board: &'a Board) -> Result<Self> {
         cargo::need_target()?;
         let place = cargo::target_dir().join("mutants");
@@ -199,7 +202,7 @@ impl<'a> Workshop<'a> {
         self.elf.with_file_name("build")
     }
 
-    /// What becomes of a mutant, as it is known or now found.
+    /// Returns the outcome of a mutant, known or new.
     fn outcome(&mut self, name: &str, site: &Site, code: &str) -> Result<Outcome> {
         if let Some(known) = self.known.get(name) {
             return Ok(known.clone());
@@ -233,7 +236,7 @@ impl<'a> Workshop<'a> {
     }
 }
 
-/// What is flashed of a program.
+/// The flashed bytes of a program.
 fn code(elf: &Path) -> Result<Vec<u8>> {
     let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
     let file = object::File::parse(&*bytes)
@@ -266,7 +269,7 @@ fn copy(from: &Path, to: &Path) -> Result<()> {
     Ok(())
 }
 
-/// What was found, by the kind of fault.
+/// The results by the kind of fault.
 fn table(tallies: &[Tally]) -> String {
     let rows = FAULTS.iter().zip(tallies).map(|(fault, tally)| {
         let survivors = match tally.survivors.as_slice() {
@@ -293,8 +296,8 @@ fn show(table: &str, count: usize, seed: u64) -> Result<()> {
         Some((head, tail))
     });
     let (head, tail) = parts.with_context(|| format!("{TEXT} has no line {BEGIN}"))?;
-    let told = format!("{count} mutants, drawn with the seed {seed}:\n\n{table}");
-    fs::write(&path, format!("{head}{BEGIN}{told}{END}{tail}"))?;
+    let body = format!("{count} mutants, drawn with the seed {seed}:\n\n{table}");
+    fs::write(&path, format!("{head}{BEGIN}{body}{END}{tail}"))?;
     ui::status("Written", TEXT);
     Ok(())
 }

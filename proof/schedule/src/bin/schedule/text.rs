@@ -76,7 +76,7 @@ fn sorted(rates: &BTreeMap<String, u32>) -> Vec<(u32, u32)> {
     rates
 }
 
-/// What was analysed, at which rates, and how far to trust it.
+/// The analysed program, its rates, and how far to trust the report.
 pub(super) fn heading(report: &Report) -> Vec<String> {
     vec![
         format!(
@@ -121,13 +121,13 @@ pub(super) fn rate(report: &Report) -> Option<u32> {
     rates.get(&report.baud.to_string()).copied()
 }
 
-/// Requirements that are not met: flaws that take nothing from what is proven.
+/// Requirements that are not met: flaws that leave the proven rates valid.
 pub(super) fn unmet(report: &Report) -> usize {
     let flaws = report.flaws.iter();
     flaws.filter(|flaw| flaw.rule == Rule::Requirement).count()
 }
 
-/// What the analysis comes to, in a sentence.
+/// The verdict of the analysis, in a sentence.
 pub(super) fn verdict(report: &Report) -> String {
     let unmet = unmet(report);
     match (report.flaws.len() - unmet, rate(report)) {
@@ -216,7 +216,7 @@ pub(super) fn wcet(task: &Task) -> Option<u64> {
 /// A place or a reason, without the paths of RTIC's own types.
 pub(super) fn readable(place: &str) -> String {
     let resource = place.split_once("shared_resources::");
-    let resource = resource.and_then(|(_, rest)| rest.split_once("_that_needs_to_be_locked"));
+    let resource = resource.and_then(|(_, name)| name.split_once("_that_needs_to_be_locked"));
     match (resource, place.rsplit_once(" (")) {
         (Some((name, _)), Some((_, line))) => format!("the lock of `{name}` ({line}"),
         (Some((name, _)), None) => format!("the lock of `{name}`"),
@@ -225,7 +225,7 @@ pub(super) fn readable(place: &str) -> String {
     }
 }
 
-/// What holds each task up.
+/// The blocking of each task.
 pub(super) fn blocking(report: &Report) -> Vec<(String, String)> {
     let mut found: Vec<(String, Vec<&str>)> = Vec::new();
     for task in &report.tasks {
@@ -254,7 +254,9 @@ fn waits(report: &Report) -> String {
         return "unknown".into();
     }
     let waits = report.undeadlined_waits.iter().map(|it| {
-        let us = { it.cycles }.map(|cycles| cycles as f64 * 1e6 / report.clock_hz as f64);
+        let us = it
+            .cycles
+            .map(|cycles| cycles as f64 * 1e6 / report.clock_hz as f64);
         let us = us.map_or("unbounded".into(), |us| format!("{} µs", shown_us(us)));
         let (hz, baud) = (separated(it.step_rate_hz.into()), separated(it.baud.into()));
         format!("{us} at {hz} Hz and {baud} baud")
@@ -263,10 +265,10 @@ fn waits(report: &Report) -> String {
     format!("at most {waits}, before the line being read and their own time")
 }
 
-/// What is known of the tasks without a deadline: how their loops end, and how long they take besides.
+/// The tasks without a deadline: how their loops end, and how long they take besides.
 fn undeadlined(report: &Report) -> Option<(&'static str, String)> {
     let it = report.undeadlined.as_ref()?;
-    let rest = { it.rest_cycles }.map_or("unknown".into(), |cycles| {
+    let cycles_text = it.rest_cycles.map_or("unknown".into(), |cycles| {
         let us = shown_us(micros(report, cycles as f64));
         format!("{us} µs at most, alone on the processor,")
     });
@@ -274,7 +276,7 @@ fn undeadlined(report: &Report) -> Option<(&'static str, String)> {
     Some((
         "no deadline",
         format!(
-            "{}: {rest} for a run of each, and the rounds of {uncounted} loops that nothing counts; {} others are counted",
+            "{}: {cycles_text} for a run of each, and the rounds of {uncounted} loops that nothing counts; {} others are counted",
             it.tasks.join(", "),
             it.counted,
         ),
@@ -342,7 +344,7 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
     facts.chain(substitution).collect()
 }
 
-/// One flaw: what, where, and what to do.
+/// One flaw: description, place and remedy.
 pub(super) fn flaw(flaw: &Flaw) -> String {
     let mut text = format!("{} {}", "error:".red().bold(), flaw.what);
     for (index, place) in places(&flaw.place).into_iter().enumerate() {
@@ -395,10 +397,10 @@ mod tests {
     }
 
     #[test]
-    fn loops_that_nothing_counts_are_told_with_what_ends_them() {
+    fn loops_that_nothing_counts_are_reported_with_what_ends_them() {
         let mut report = sample::report();
-        let is_told = |(name, _): &(&str, String)| *name == "no deadline";
-        assert!(!figures(&report).iter().any(is_told));
+        let is_no_deadline = |(name, _): &(&str, String)| *name == "no deadline";
+        assert!(!figures(&report).iter().any(is_no_deadline));
         report.undeadlined = Some(TasksWithoutDeadline {
             tasks: vec!["interpret".into()],
             counted: 7,
@@ -409,7 +411,7 @@ mod tests {
             }],
             rest_cycles: Some(168_000),
         });
-        let (_, text) = figures(&report).into_iter().find(is_told).unwrap();
+        let (_, text) = figures(&report).into_iter().find(is_no_deadline).unwrap();
         assert!(text.starts_with("interpret: 1 000 µs at most"), "{text}");
         assert!(
             text.contains("2 loops") && text.ends_with("7 others are counted"),
@@ -421,7 +423,7 @@ mod tests {
         if let Some(it) = &mut report.undeadlined {
             it.rest_cycles = None;
         }
-        let (_, text) = figures(&report).into_iter().find(is_told).unwrap();
+        let (_, text) = figures(&report).into_iter().find(is_no_deadline).unwrap();
         assert!(text.starts_with("interpret: unknown"), "{text}");
     }
 
@@ -434,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn tasks_that_wait_for_the_same_are_told_together() {
+    fn tasks_that_wait_for_the_same_are_reported_together() {
         let rows = blocking(&sample::report());
         assert_eq!(rows[0].0, "step, serial_rx, segment_start");
         assert!(rows[0].1.starts_with("54 cycles: rtic::pend in"));
@@ -458,7 +460,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lock_is_told_by_the_name_of_its_resource() {
+    fn a_lock_is_reported_by_the_name_of_its_resource() {
         let place = "leadscrew::app::app::<impl rtic_core::Mutex for leadscrew::app::app::\
                      shared_resources::snapshot_that_needs_to_be_locked>::lock (src/app.rs:23)";
         assert_eq!(readable(place), "the lock of `snapshot` (src/app.rs:23)");

@@ -26,7 +26,7 @@ pub(crate) struct Row {
 #[derive(Debug, Default)]
 pub(crate) struct Verdict {
     pub(crate) rows: Vec<Row>,
-    /// What is wrong, one sentence each.
+    /// The violations, one sentence each.
     pub(crate) failures: Vec<String>,
 }
 
@@ -35,7 +35,7 @@ impl Row {
         self.bound.warm as f64 / self.runs.warm_max.max(1) as f64
     }
 
-    /// Where the row was dearer than it can be.
+    /// The bounds of the row that a run exceeded, one sentence each.
     fn excess(&self, task: &Task) -> Vec<String> {
         let Runs {
             warm_max,
@@ -381,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn a_violation_is_told_with_its_place_and_count() {
+    fn a_violation_is_reported_with_its_place_and_count() {
         let mut summary = summary(100);
         summary.violations.push(Violation {
             what: "a loop runs more than 3 times".into(),

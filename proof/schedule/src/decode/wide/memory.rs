@@ -129,7 +129,7 @@ fn exclusive_or_table(first: u32, second: u32) -> Option<Decoded> {
     }))
 }
 
-/// Where a load or store of one register goes, and what it writes back.
+/// The address of a load or store of one register, and its writeback.
 fn address(pc: u32, first: u32, second: u32) -> Option<(Address, Option<(u8, i32)>)> {
     let base = register(first, 0);
     let wide = bits(second, 0, 12).cast_signed();

@@ -1,4 +1,4 @@
-//! Bytes that come while flash is erased and programmed, and what the flash needs for that.
+//! Bytes that arrive while flash is erased and programmed, and the time that the flash needs.
 
 use super::{Expected, Need, Parts};
 use crate::bring_up::sequence::BURST;

@@ -1,19 +1,20 @@
-//! The serial line: every byte both ways, and the baud rate.
+//! The serial line: every byte in both directions, and the baud rate.
 
 use super::{Expected, Facts, Need, Parts};
 
 /// Bits a second of sender and firmware.
 const BAUD: f64 = 115_200.0;
-/// What the baud rate may be off, per cent. The chip receives what is off by less than 3.3 % in all, the errors
-/// of both ends and of the edges together (RM0090 30.3.5, a divider with a fraction), and other receivers much
-/// the same: with another per cent at the other end, 1.3 % is left for the edges.
+/// What the baud rate may be off, per cent. The chip receives bytes with less than 3.3 % error in
+/// all: the errors of both ends and of the edges together (RM0090 30.3.5, a divider with a
+/// fraction). Other receivers are much the same: with another per cent at the other end, 1.3 % is
+/// left for the edges.
 const MAX_BAUD_ERROR_PERCENT: f64 = 1.0;
 /// What the time of the stream may be off, per cent, by the board's own clock: a tenth of that. Else there
 /// were pauses, and the rate is not that of its bits.
 const MAX_PAUSE_PERCENT: f64 = 0.1;
 const BITS_PER_BYTE: i64 = 10;
 
-/// Every byte comes through, both ways at once, and at the rate that was asked for.
+/// Every byte comes through, in both directions at once, and at the rate that was asked for.
 pub(super) fn serial(parts: &mut Parts<'_>, expected: &Expected) {
     for (name, all, of, wrong_name, wrong) in [
         (

@@ -18,7 +18,7 @@ fn expected() -> Expected {
     }
 }
 
-/// What a board says with which everything is well.
+/// The facts of a faultless board.
 const FACTS: [(&str, i64); 61] = [
     ("emulated", 0),
     ("port", 1),
@@ -153,7 +153,7 @@ fn with(verdict: Verdict, facts: &Facts) -> Vec<(&'static str, String)> {
     found.map(|(check, item)| (check, item.name)).collect()
 }
 
-/// Alters one fact, or takes it away; exactly one part must fail for it, in this check.
+/// Alters or removes one fact; exactly one part of this check must fail.
 fn assert_fails(check: &str, part: &str, fact: &str, number: Option<i64>) {
     let mut facts = good();
     assert!(facts.get(fact).is_some(), "there is no fact {fact}");

@@ -1,4 +1,4 @@
-//! What contacts do: switches, probe, door and buttons.
+//! Contacts: switches, probe, door and buttons.
 
 use anyhow::Result;
 use leadscrew::{axis::AXES, model::Levels};
@@ -82,7 +82,7 @@ pub(super) fn late(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     };
     // The segments of a line take 1 ms, but its last one takes the rest: after 1 ms of this line.
     let steps = f64::from(step_rate_hz) / 3000.0;
-    let way_mm = steps * 2.3 / 1000.0;
+    let distance_mm = steps * 2.3 / 1000.0;
     for hundredths in (190..230).step_by(4) {
         begin(driver)?;
         let played = steps * f64::from(hundredths) / 100.0;
@@ -90,7 +90,10 @@ pub(super) fn late(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
             plate: -(played as i32),
             ..NO_SWITCHES
         })?;
-        driver.run([format!("G38.3X{way_mm:.3}Y{way_mm:.3}Z-{way_mm:.3}F{feed:.0}").as_str()])?;
+        driver.run([format!(
+            "G38.3X{distance_mm:.3}Y{distance_mm:.3}Z-{distance_mm:.3}F{feed:.0}"
+        )
+        .as_str()])?;
     }
     driver.run(["$21=1"])?;
     let steps = segment_steps(step_rate_hz);
@@ -100,7 +103,7 @@ pub(super) fn late(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
         let mut ends = NO_SWITCHES;
         ends.low[2] = before - 4 * steps.cast_signed();
         driver.mount(&ends)?;
-        // The lines wait behind a slow one.
+        // The lines wait after a slow one.
         driver.run(["G1X-.02F1"])?;
         driver.stream([line.as_str(); 8], |_| b"")?;
         driver.come_to_rest()?;

@@ -8,7 +8,8 @@ use leadscrew::{model::timing::EVENT_SPACING_TICKS, units::TICKS_PER_SECOND};
 use super::{fast, smooth, words};
 use crate::replay::driver::Driver;
 
-/// An acceleration that makes every step another speed, and one that never reaches it, mm/s².
+/// An acceleration that changes the speed with every step, and an acceleration that never reaches
+/// the speed, mm/s².
 pub(super) const EXTREME: f64 = 1_000_000.0;
 const SLOW: f64 = 400.0;
 /// Less than the longest segment, which is 1.5 ms when a block ends with it.
@@ -45,12 +46,12 @@ pub(super) fn full_rates(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     Ok(())
 }
 
-/// Lines that take just one segment each at the highest rate of all axes together: the longest
-/// segment is one and a half times as long as others, and all of its steps are apart.
+/// Lines of just one segment each at the highest rate of all axes together: the longest segment is
+/// one and a half times as long as others, and its steps are staggered.
 pub(super) fn long_segments(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     driver.set(&fast(step_rate_hz, EXTREME))?;
     segments(driver, step_rate_hz)?;
-    apart(driver, step_rate_hz, 0.985, fast)
+    staggered(driver, step_rate_hz, 0.985, fast)
 }
 
 fn segments(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
@@ -67,10 +68,10 @@ fn segments(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     Ok(())
 }
 
-/// A segment as dear as it gets: three axes whose steps come one after another, so that each step
-/// of X has as much in its way as it can, at a speed that changes all the time, so that every time
-/// has to be solved for. `low`: the lower of two speeds, as a part of the higher.
-fn apart(
+/// A segment of the highest cost: the steps of three axes are staggered, so that each step of X has
+/// as many neighbours as possible, and the speed changes all the time, so that every time has to be
+/// solved for. `low`: the lower of two speeds, as a part of the higher.
+fn staggered(
     driver: &mut Driver,
     step_rate_hz: u32,
     low: f64,
@@ -80,7 +81,7 @@ fn apart(
     let speed_mm_s = f64::from(step_rate_hz) / 3000.0;
     let change_mm_s2 = speed_mm_s * (1.0 - low) / (f64::from(SEGMENT_US) * 1e-6);
     driver.set(&settings(step_rate_hz, change_mm_s2))?;
-    // As many lines as there is room for wait behind a slow one.
+    // As many lines as there is room for wait after a slow one.
     driver.run([stagger(step_rate_hz).as_str(), "G1X-.02F1"])?;
     let steps = segment_steps(step_rate_hz);
     let lines: Vec<String> = (0..LINES)
@@ -167,11 +168,11 @@ pub(super) fn arcs(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     tiny_arcs(driver, step_rate_hz)
 }
 
-/// Arcs so short and so flat that each one changes the speeds of all before it.
+/// Arcs so short and so flat that each arc changes the speeds of all arcs before.
 fn tiny_arcs(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     const ARCS: usize = 200;
     driver.set(&fast(step_rate_hz, 50.0))?;
-    // As many as there is room for wait behind a slow line.
+    // As many as there is room for wait after a slow line.
     driver.run(["G91G94", "G1X-.02F1"])?;
     driver.stream(["G17G2X.1R100F1000000"; ARCS], |_| b"")?;
     driver.finish()?;
@@ -210,7 +211,7 @@ pub(super) fn limits_of_jerk(driver: &mut Driver, step_rate_hz: u32) -> Result<(
     segments(driver, step_rate_hz)?;
     // At the lower speed, too, a line is one segment.
     for (factor, seconds) in [(5.0, 0.002), (20.0, 0.002), (20.0, 0.006)] {
-        apart(driver, step_rate_hz, 0.992, |rate, acceleration| {
+        staggered(driver, step_rate_hz, 0.992, |rate, acceleration| {
             smooth(rate, factor * acceleration, seconds)
         })?;
     }

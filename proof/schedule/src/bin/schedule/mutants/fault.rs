@@ -20,7 +20,7 @@ pub(super) enum Where {
 pub(super) struct Fault {
     pub(super) name: &'static str,
     pub(super) place: Where,
-    /// What is put at the beginning of a function; several are used in turn.
+    /// Code for the beginning of a function; several variants are used in turn.
     codes: &'static [&'static str],
 }
 

@@ -14,7 +14,7 @@ pub(super) struct Site {
     /// Its file, from the root of the project.
     pub(super) file: String,
     name: String,
-    /// Where its body begins, behind the brace.
+    /// Where its body begins, after the brace.
     line: usize,
     column: usize,
     /// The highest priority of a task with a deadline that runs it.
@@ -32,9 +32,10 @@ impl Site {
     pub(super) fn with(&self, text: &str, code: &str) -> String {
         let lines = text.split_inclusive('\n').take(self.line - 1);
         let before: usize = lines.map(str::len).sum();
-        let rest = &text[before..];
-        let place = rest.char_indices().nth(self.column);
-        let (head, tail) = rest.split_at(place.map_or(rest.len(), |(at, _)| at));
+        let tail_from_line = &text[before..];
+        let place = tail_from_line.char_indices().nth(self.column);
+        let (head, tail) =
+            tail_from_line.split_at(place.map_or(tail_from_line.len(), |(at, _)| at));
         format!("{}{head}{code}{tail}", &text[..before])
     }
 }
@@ -79,7 +80,7 @@ struct Found(Vec<(String, RangeInclusive<u32>, usize, usize)>);
 
 impl Found {
     fn add(&mut self, signature: &Signature, block: &Block) {
-        // What is computed while compiling cannot hold such a fault; a closure's lines are its own.
+        // A constant function cannot hold such a fault; a closure's lines are its own.
         if signature.constness.is_some() || signature.asyncness.is_some() {
             return;
         }
@@ -156,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_goes_behind_the_brace_of_a_function_that_is_run() {
+    fn a_fault_is_inserted_after_the_brace_of_a_function_that_is_run() {
         let found = sites(&[(1, Some(5)), (4, Some(2))]);
         assert_eq!(found.len(), 1);
         assert_eq!(found[0].to_string(), "`b` (src/a.rs:3)");

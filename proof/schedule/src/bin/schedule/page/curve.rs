@@ -205,14 +205,17 @@ pub(super) fn processor(report: &Report) -> String {
         }
         x += width;
     }
-    let rest = (1.0 - x).max(0.0);
-    let text = format!("{:.0} % left for reading and planning G-code", rest * 100.0);
-    if rest > 0.3 {
-        picture.text("note middle", scale.at(x + rest / 2.0), 22.0, &text);
+    let idle_share = (1.0 - x).max(0.0);
+    let text = format!(
+        "{:.0} % left for reading and planning G-code",
+        idle_share * 100.0
+    );
+    if idle_share > 0.3 {
+        picture.text("note middle", scale.at(x + idle_share / 2.0), 22.0, &text);
     } else {
         picture.text("note end", WIDTH - 4.0, 48.0, &text);
     }
-    let height = if rest > 0.3 { 34.0 } else { 54.0 };
+    let height = if idle_share > 0.3 { 34.0 } else { 54.0 };
     let rate = grouped(report.step_rate_hz.into());
     picture.finish(
         WIDTH,

@@ -45,7 +45,7 @@ fn one(task: &Task, colour: &str, is_open: bool, root: &Path) -> String {
     }
     let others = task.worst_path.iter().skip(SHOWN);
     let count = others.clone().count();
-    let mut rest = |cycles: u64, what: &str| {
+    let mut remainder = |cycles: u64, what: &str| {
         let cycles = grouped(cycles);
         let _ = writeln!(
             text,
@@ -54,11 +54,11 @@ fn one(task: &Task, colour: &str, is_open: bool, root: &Path) -> String {
     };
     if count > 0 {
         let cycles = others.map(|line| line.cycles).sum();
-        rest(cycles, &format!("{count} more lines"));
+        remainder(cycles, &format!("{count} more lines"));
     }
-    let told: u64 = task.worst_path.iter().map(|line| line.cycles).sum();
-    if let Some(cycles) = wcet(task).and_then(|all| all.checked_sub(told)) {
-        rest(
+    let listed: u64 = task.worst_path.iter().map(|line| line.cycles).sum();
+    if let Some(cycles) = wcet(task).and_then(|all| all.checked_sub(listed)) {
+        remainder(
             cycles,
             "entry and exit of the exception, misses of the flash cache, code without lines of its own",
         );
@@ -69,7 +69,7 @@ fn one(task: &Task, colour: &str, is_open: bool, root: &Path) -> String {
 
 fn row(text: &mut String, line: &Line, most: u64, colour: &str, root: &Path) {
     let percent = line.cycles as f64 / most as f64 * 100.0;
-    // What the compiler made for no line of its own has the number 0.
+    // Code of no line has the number 0.
     let number = match line.line {
         0 => String::new(),
         number => format!(":{number}"),

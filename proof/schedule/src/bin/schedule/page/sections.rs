@@ -7,7 +7,7 @@ use schedule::{Report, Task};
 use super::{grouped, heading, svg::escaped, timeline::colour};
 use crate::text::{blocking, known, micros, places, readable, shown, shown_us, wcet};
 
-/// What is taken for granted, whatever `schedule.toml` says.
+/// Assumptions that are independent of `schedule.toml`.
 const ASSUMPTIONS: [&str; 6] = [
     "The cycle table: one entry for each class of instruction, from Arm's and ST's manuals, each at its \
      longest. It has not been compared with the chip, unless the top of this page names measurements.",
@@ -134,7 +134,7 @@ pub(super) fn critical(report: &Report) -> String {
     text
 }
 
-/// What `schedule.toml` requires.
+/// The requirements of `schedule.toml`.
 pub(super) fn requirements(report: &Report) -> String {
     if report.requirements.is_empty() {
         return String::new();
@@ -163,7 +163,7 @@ pub(super) fn requirements(report: &Report) -> String {
     text
 }
 
-/// What the proof stands on.
+/// The assumptions of the proof.
 pub(super) fn assumptions(report: &Report) -> String {
     let mut text = heading(
         "What is taken for granted",

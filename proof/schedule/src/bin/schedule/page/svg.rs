@@ -65,7 +65,7 @@ pub(super) fn round_up(value: f64) -> f64 {
     step.unwrap_or(10.0) * power
 }
 
-/// A tick's number, as short as it can be told.
+/// The number of a tick, as short as possible.
 pub(super) fn number(value: f64) -> String {
     At(value).to_string()
 }
@@ -110,7 +110,7 @@ impl Picture {
         self.body.push_str("</g>");
     }
 
-    /// The picture, with what it shows for those who cannot see it.
+    /// The picture, with a description for screen readers.
     pub(super) fn finish(self, width: f64, height: f64, label: &str) -> String {
         format!(
             "<div class=\"picture\"><svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{}\">{}</svg></div>\n",

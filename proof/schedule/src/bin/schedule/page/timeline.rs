@@ -162,7 +162,7 @@ impl Stretch<'_> {
         }
     }
 
-    /// What really runs.
+    /// The running task.
     fn bars(&mut self, runner: Runner, y: f64, class: &str) {
         let slices = self
             .instant

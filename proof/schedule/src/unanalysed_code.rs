@@ -1,8 +1,8 @@
-//! Code that no graph has: behind a jump to what is computed, or without a symbol.
+//! Code that is in no graph: after a computed jump, or without a symbol.
 //!
-//! Nothing is known of when it runs. So it must not hold interrupts back, nor write what the proof rests on in the
-//! processor: each instruction of the image that does must be one of a function that was analysed, and so must
-//! be what the decoder does not know.
+//! The analysis does not know when such code runs. So such code must not mask interrupts or write a stack
+//! pointer: every instruction of the image that does so must belong to an analysed function, and so
+//! must every instruction that the decoder does not know.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,7 @@ use crate::{
     graph::{BASEPRI, BASEPRI_MAX, CONTROL, FAULTMASK, MAIN_STACK, PRIMASK, PROCESS_STACK},
 };
 
-/// All such instructions.
+/// Returns a flaw for each such instruction.
 pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     let image = program.image;
     let functions = program.functions().values();
@@ -36,7 +36,7 @@ pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     flaws.collect()
 }
 
-/// What holds interrupts back, writes a stack pointer or is not known, in a range of code.
+/// The instructions of a range that mask interrupts, write a stack pointer or are not decoded.
 fn suspects(image: &Image, range: std::ops::Range<u32>) -> Vec<(u32, String)> {
     let mut found = Vec::new();
     let mut decoder = Decoder::new();

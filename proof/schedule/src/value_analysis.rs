@@ -1,4 +1,4 @@
-//! The values of registers at every block of a function.
+//! Value analysis: the abstract state before each block of a function, as a forward data-flow analysis.
 
 use std::collections::BTreeSet;
 
@@ -44,7 +44,7 @@ pub(crate) fn solve(around: Surroundings<'_>, blocks: &[Block], entry: State) ->
     before
 }
 
-/// Shows each instruction with the state before it.
+/// Calls `show` for each instruction with the state before it.
 pub(crate) fn visit(
     around: Surroundings<'_>,
     blocks: &[Block],
@@ -62,21 +62,21 @@ pub(crate) fn visit(
     }
 }
 
-/// What a function does with its frame, what it writes, and what it returns.
+/// The summary of a function: use of its frame, writes through its arguments, and result.
 #[derive(Debug, Clone)]
-pub(crate) struct Conduct {
+pub(crate) struct FunctionSummary {
     /// The lowest place of its frame that it makes a pointer to.
     pub(crate) lowest_pointer: i32,
-    /// Whether it may write to what it was called with on the stack.
+    /// Whether the function may write to its arguments on the stack.
     pub(crate) writes_arguments: bool,
-    /// What it writes behind each of its arguments, as far as that is not through a pointer that
-    /// was kept in memory.
+    /// Bytes that the function writes through each of its arguments, without writes through
+    /// pointers that were kept in memory.
     pub(crate) writes: Writes,
     /// The memory that its result points into.
     pub(crate) result: Region,
 }
 
-impl Conduct {
+impl FunctionSummary {
     pub(crate) fn of(around: Surroundings<'_>, blocks: &[Block], before: &States) -> Self {
         let mut lowest_pointer = i32::MAX;
         let mut highest_written = i32::MIN;
@@ -103,7 +103,7 @@ impl Conduct {
                 result = Some(result.map_or(value, |known| known.join(value)));
             }
         });
-        // A jump out of the function returns what is not known here.
+        // The result of a jump out of the function is not known here.
         let leaves = blocks
             .iter()
             .any(|block| block.ends && block.call.is_some());
@@ -122,13 +122,13 @@ impl Conduct {
     }
 }
 
-/// Everything behind a pointer, and before it.
+/// All offsets from a pointer.
 const ALL: (i32, i32) = (i32::MIN, i32::MAX);
 
-/// What a function writes behind each of its arguments.
+/// Bytes that a function writes through each of its arguments.
 type Writes = [Spans; ARGUMENTS as usize];
 
-/// Adds what an instruction writes behind the arguments of its function.
+/// Adds the bytes that an instruction writes through the arguments of its function.
 fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, writes: &mut Writes) {
     match operation {
         Operation::Store {
@@ -139,36 +139,38 @@ fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, wri
         } => {
             let length = i32::from(words) * i32::from(bytes);
             let to = state.address(address);
-            // Words that are put back where they come from do not count.
+            // A word that is stored to the place of its load does not count.
             let is_put_back = |distance: i32, source: u8| {
-                let place = to.add(distance).behind_argument();
+                let place = to.add(distance).argument_offset();
                 place.is_some_and(|(register, distance)| {
-                    state.get(source).is_from_behind(register, distance)
+                    state
+                        .get(source)
+                        .is_loaded_from_argument(register, distance)
                 })
             };
             let mut stored = (0..).step_by(4).zip(sources(operation)).peekable();
             if stored.peek().is_none() {
-                add_behind(writes, to, &[(0, length)]);
+                add_writes_through(writes, to, &[(0, length)]);
             }
             for (distance, source) in stored {
                 if !is_put_back(distance, source) {
-                    add_behind(writes, to, &[(distance, distance + 4)]);
+                    add_writes_through(writes, to, &[(distance, distance + 4)]);
                 }
             }
-            // Whoever finds a pointer in memory may write behind it.
+            // Any function may write through a pointer that is in memory.
             let slot = to.in_frame();
             if slot.is_none_or(|slot| slot >= around.lowest_pointer) {
                 for source in sources(operation) {
-                    add_behind(writes, state.get(source), &[ALL]);
+                    add_writes_through(writes, state.get(source), &[ALL]);
                 }
             }
         }
         Operation::FloatStore { address, words, .. } => {
             let length = 4 * i32::from(words);
-            add_behind(writes, state.address(address), &[(0, length)]);
+            add_writes_through(writes, state.address(address), &[(0, length)]);
         }
         Operation::StoreExclusive { address, .. } => {
-            add_behind(writes, state.address(address), &[(0, 4)]);
+            add_writes_through(writes, state.address(address), &[(0, 4)]);
         }
         Operation::Call(callee) | Operation::Jump(callee) => {
             let known = around
@@ -176,7 +178,7 @@ fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, wri
                 .and_then(|callees| callees.writes.get(&callee));
             if let Some(spans) = known {
                 for (register, spans) in (0..).zip(spans) {
-                    add_behind(writes, state.get(register), spans);
+                    add_writes_through(writes, state.get(register), spans);
                 }
             } else if matches!(operation, Operation::Call(_)) {
                 add_unknown(writes, state);
@@ -187,17 +189,17 @@ fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, wri
     }
 }
 
-/// Adds what an unknown function writes.
+/// Adds all bytes that an unknown function may write.
 fn add_unknown(writes: &mut Writes, state: &State) {
     for register in 0..ARGUMENTS {
-        add_behind(writes, state.get(register), &[ALL]);
+        add_writes_through(writes, state.get(register), &[ALL]);
     }
 }
 
-/// Adds what is written behind a pointer.
-fn add_behind(writes: &mut Writes, pointer: Value, spans: &[(i32, i32)]) {
+/// Adds the bytes that are written through a pointer.
+fn add_writes_through(writes: &mut Writes, pointer: Value, spans: &[(i32, i32)]) {
     for (register, to) in (0..).zip(writes) {
-        match pointer.behind_argument() {
+        match pointer.argument_offset() {
             Some((other, base)) if other == register => {
                 let from = |distance: i32| base.saturating_add(distance);
                 to.extend(spans.iter().map(|&(start, end)| (from(start), from(end))));
@@ -223,8 +225,8 @@ fn merge(spans: &mut Spans) {
     *spans = merged;
 }
 
-/// The place in the frame that a register becomes a pointer to, `None` if that is not known; or
-/// that it becomes no such pointer.
+/// The slot of the frame to which an instruction makes a pointer, `None` if the slot is not known;
+/// or no pointer at all.
 #[expect(
     clippy::option_option,
     reason = "a pointer that may be missing, to what may be unknown"

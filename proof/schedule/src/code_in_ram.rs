@@ -1,11 +1,11 @@
-//! Code in RAM: it runs while the flash cannot be read, so it must not need it.
+//! Code in RAM, which runs while the flash cannot be read, and so must not need the flash.
 //!
-//! A function is put into RAM by its section, but what it calls is not, unless the compiler inlines
-//! it; and a `match` may become a table in flash.
+//! The section of a function puts only the function itself into RAM: a callee stays in flash unless
+//! the compiler inlines it, and a `match` may become a table in flash.
 
 use crate::{Flaw, Function, Place, Program, Region, Rule};
 
-/// What code in RAM needs of the flash.
+/// Returns the uses of flash by code in RAM.
 pub(crate) fn flaws(program: &Program<'_>) -> Vec<Flaw> {
     let functions = program.functions().values();
     let resident = functions.filter(|function| is_in_ram(function.address));

@@ -1,19 +1,19 @@
-//! Which masks of interrupts are put back: by what was read from them before.
+//! Interrupt masks that are restored to a value that was read from them before.
 //!
-//! A lock reads `BASEPRI`, raises it, and writes back what it has read. In between, the compiler may
-//! keep the value in a register or in a slot of the frame. Such a slot has no pointer to it, so that
-//! only stores to the slot itself change it.
+//! A lock reads `BASEPRI`, raises it, and writes the first value back. In between, the compiler may
+//! keep the value in a register or in a slot of the frame. Such a slot has no pointer to it, so
+//! only stores to the slot itself change its value.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     Block, Instruction, Operation,
-    flow::{self, States},
     graph::{BASEPRI, BASEPRI_MAX},
+    value_analysis::{self, States},
     values::{Surroundings, sources, targets},
 };
 
-/// Where a value is kept: a register, or a word of the frame by its distance from the stack pointer
+/// The place of a value: a register, or a word of the frame by its offset from the stack pointer
 /// at the function's beginning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Place {
@@ -21,11 +21,11 @@ enum Place {
     Slot(i32),
 }
 
-/// What was read from a special register, by the instruction that read it last.
+/// The values read from special registers, by the instruction that read each last.
 type Kept = BTreeMap<Place, u32>;
 
-/// By the address of an instruction that writes a special register, that of the one that read from
-/// the same register what is written.
+/// Returns for each instruction that restores a special register the instruction that read the
+/// restored value from the same register, by their addresses.
 pub(crate) fn find(
     around: Surroundings<'_>,
     blocks: &[Block],
@@ -33,7 +33,7 @@ pub(crate) fn find(
 ) -> BTreeMap<u32, u32> {
     let mut slots = BTreeMap::new();
     let mut read = BTreeMap::new();
-    flow::visit(around, blocks, states, |state, instruction| {
+    value_analysis::visit(around, blocks, states, |state, instruction| {
         let address = instruction.operation.access().map(|(address, _)| address);
         let slot = address.and_then(|address| state.address(address).in_frame());
         slots.extend(slot.map(|slot| (instruction.address, slot)));
@@ -70,7 +70,7 @@ const fn mask_of(register: u8) -> u8 {
     }
 }
 
-/// What is kept where before each block; `None` where execution does not come.
+/// The values kept before each block; `None` for unreachable blocks.
 fn solve(blocks: &[Block], slots: &BTreeMap<u32, i32>) -> Vec<Option<Kept>> {
     let mut before: Vec<Option<Kept>> = vec![None; blocks.len()];
     let Some(first) = before.first_mut() else {
@@ -88,7 +88,8 @@ fn solve(blocks: &[Block], slots: &BTreeMap<u32, i32>) -> Vec<Option<Kept>> {
         for edge in &blocks[index].successors {
             let joined = match &before[edge.to] {
                 None => kept.clone(),
-                Some(known) => { known.iter() }
+                Some(known) => known
+                    .iter()
                     .filter(|(place, reader)| kept.get(place) == Some(reader))
                     .map(|(place, reader)| (*place, *reader))
                     .collect(),
@@ -111,7 +112,7 @@ fn step(kept: &mut Kept, instruction: &Instruction, slots: &BTreeMap<u32, i32>) 
         kept.retain(|place, _| !is_touched(*place, begin, end));
     }
     if let Operation::ReadSpecial { .. } = operation {
-        // What was read before is not what is read now.
+        // An earlier value of the same reader is overwritten.
         kept.retain(|_, reader| *reader != instruction.address);
     }
     let written = operation.writes();
@@ -125,7 +126,7 @@ fn step(kept: &mut Kept, instruction: &Instruction, slots: &BTreeMap<u32, i32>) 
     }
 }
 
-/// What an instruction makes of places, where `slot` is that of its access.
+/// The places that an instruction writes with their new values; `slot` is the slot of its access.
 fn made(kept: &Kept, instruction: &Instruction, slot: Option<i32>) -> Vec<(Place, Option<u32>)> {
     let find = |place: Place| kept.get(&place).copied();
     let places = slot.into_iter().flat_map(|slot| (slot..).step_by(4));
@@ -151,7 +152,7 @@ fn made(kept: &Kept, instruction: &Instruction, slot: Option<i32>) -> Vec<(Place
     }
 }
 
-/// From where to where in the frame an operation stores, if it begins at `slot`.
+/// The first and the end offset in the frame of a store at `slot`.
 fn stored(operation: Operation, slot: i32) -> Option<(i32, i32)> {
     match operation {
         Operation::Store { words, bytes, .. } => {
@@ -163,7 +164,7 @@ fn stored(operation: Operation, slot: i32) -> Option<(i32, i32)> {
     }
 }
 
-/// Whether bytes of the frame have a part of a place.
+/// Whether a range of the frame overlaps a place.
 const fn is_touched(place: Place, begin: i32, end: i32) -> bool {
     match place {
         Place::Slot(slot) => slot < end && begin < slot + 4,
@@ -176,7 +177,7 @@ mod tests {
     use super::*;
     use crate::{Address, testing};
 
-    /// What is written back at the end of two ways that store the register 1 to a slot, or another.
+    /// The restored mask after two paths that store the register 1 to a slot, or another.
     fn kept(other: u8) -> Option<u32> {
         let shape: &[(u32, &[usize])] = &[(1, &[1, 2]), (1, &[3]), (1, &[3]), (2, &[])];
         let mut function = testing::function(shape);
@@ -226,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mask_is_followed_through_a_slot_that_all_ways_write() {
+    fn a_mask_is_followed_through_a_slot_that_all_paths_write() {
         assert!(kept(1).is_some());
         assert_eq!(kept(2), None);
     }

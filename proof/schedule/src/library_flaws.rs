@@ -1,8 +1,8 @@
-//! What is wrong in library code, told where the project calls it.
+//! Flaws in library code, reported at the calls of the project.
 //!
-//! A loop of the compiler's 64-bit division says little to who wrote the division. So a flaw of a
-//! function that has no line of the project is handed up to its callers, until a call has one; and
-//! what is known by its functions gets a sentence of its own.
+//! A loop of the compiler's 64-bit division says little to the author of the division. So a flaw in a
+//! function without a line of the project is propagated to its callers, up to a call in the
+//! project's code. Well-known functions of libraries get a description of their own.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,7 +16,7 @@ const OWN: &str = "src/";
 enum Cause {
     /// 64-bit numbers are divided.
     Division,
-    /// Memory is copied or filled, a number of bytes that the code does not tell.
+    /// Memory is copied or filled, with a length that is not constant.
     Copy,
     /// `core::fmt`.
     Formatting,
@@ -25,7 +25,7 @@ enum Cause {
 }
 
 impl Cause {
-    /// What a flaw of the function called `name` comes from.
+    /// The cause of a flaw in the function called `name`.
     fn of(name: &str, flaw: &Flaw) -> Self {
         let is_named = |parts: &[&str]| parts.iter().any(|part| name.contains(part));
         if is_named(&["ldivmod", "div_rem", "udivmod"]) {
@@ -74,13 +74,13 @@ impl Cause {
 /// The flaws of some functions, those of library code at the project's calls.
 pub(crate) fn flaws(program: &Program<'_>, functions: &BTreeSet<u32>) -> Vec<Flaw> {
     let mut found = Vec::new();
-    let mut handed: BTreeMap<u32, BTreeSet<Cause>> = BTreeMap::new();
+    let mut propagated: BTreeMap<u32, BTreeSet<Cause>> = BTreeMap::new();
     for function in functions.iter().filter_map(|at| program.function(*at)) {
         for flaw in &function.flaws {
             if is_own(program, flaw.place.address) {
                 found.push(trimmed(flaw));
             } else {
-                let causes = handed.entry(function.address).or_default();
+                let causes = propagated.entry(function.address).or_default();
                 causes.insert(Cause::of(&function.name, flaw));
             }
         }
@@ -89,17 +89,17 @@ pub(crate) fn flaws(program: &Program<'_>, functions: &BTreeSet<u32>) -> Vec<Fla
     let (own, foreign): (Vec<_>, Vec<_>) = calls
         .into_iter()
         .partition(|call| is_own(program, call.site));
-    hand_up(program, &foreign, &mut handed);
+    propagate(program, &foreign, &mut propagated);
     for call in &own {
-        for cause in handed.get(&call.to).into_iter().flatten() {
+        for cause in propagated.get(&call.to).into_iter().flatten() {
             let name = program.image.name(call.to);
             found.push(cause.clone().flaw(&name, program.image.place(call.site)));
         }
     }
-    // What the project's calls do not lead to stays where it is.
-    let told = below(own.iter().map(|call| call.to), &foreign);
-    let untold = functions.iter().filter(|at| !told.contains(at));
-    for function in untold.filter_map(|at| program.function(*at)) {
+    // Flaws that no call of the project reaches keep their place.
+    let attributed = reachable(own.iter().map(|call| call.to), &foreign);
+    let unattributed = functions.iter().filter(|at| !attributed.contains(at));
+    for function in unattributed.filter_map(|at| program.function(*at)) {
         let flaws = function.flaws.iter();
         let foreign = flaws.filter(|flaw| !is_own(program, flaw.place.address));
         found.extend(foreign.cloned());
@@ -132,15 +132,19 @@ fn calls(program: &Program<'_>, functions: &BTreeSet<u32>) -> Vec<Call> {
     calls.collect()
 }
 
-/// Gives the causes of each function to those of library code that call it.
-fn hand_up(program: &Program<'_>, calls: &[Call], handed: &mut BTreeMap<u32, BTreeSet<Cause>>) {
+/// Propagates the causes of each function to its callers in library code.
+fn propagate(
+    program: &Program<'_>,
+    calls: &[Call],
+    propagated: &mut BTreeMap<u32, BTreeSet<Cause>>,
+) {
     loop {
         let mut is_new = false;
         for call in calls {
             let name = program.image.name(call.from);
-            let causes = handed.get(&call.to).cloned().unwrap_or_default();
+            let causes = propagated.get(&call.to).cloned().unwrap_or_default();
             let causes = causes.into_iter().map(|cause| cause.within(&name));
-            let known = handed.entry(call.from).or_default();
+            let known = propagated.entry(call.from).or_default();
             for cause in causes {
                 is_new |= known.insert(cause);
             }
@@ -151,8 +155,8 @@ fn hand_up(program: &Program<'_>, calls: &[Call], handed: &mut BTreeMap<u32, BTr
     }
 }
 
-/// The functions that library code among `calls` reaches from some.
-fn below(from: impl Iterator<Item = u32>, calls: &[Call]) -> BTreeSet<u32> {
+/// The functions that are reached from some functions by `calls`.
+fn reachable(from: impl Iterator<Item = u32>, calls: &[Call]) -> BTreeSet<u32> {
     let mut reached = BTreeSet::new();
     let mut work: Vec<u32> = from.collect();
     while let Some(at) = work.pop() {

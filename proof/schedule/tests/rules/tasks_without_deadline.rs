@@ -8,7 +8,7 @@ use super::{
 };
 
 const FEED_WATCHDOG: &str = "device::write_pins(0xaaaa);";
-/// What `work` does in each round of its loop.
+/// The body of the loop in `work`.
 const LOOP_BODY: &str = "left -= 1;";
 
 /// The fixture with a watchdog that `idle` feeds, and with `work` without a deadline; `entry`: what `schedule.toml`
@@ -37,13 +37,13 @@ fn report(project: &Project) -> Report {
     project.analyse(&project.build())
 }
 
-/// How long the tasks take besides the rounds of loops that nothing counts.
-fn rest(report: &Report) -> u64 {
+/// How long the tasks take without the iterations of uncounted loops.
+fn bounded_cycles(report: &Report) -> u64 {
     let found = report.undeadlined.as_ref().expect("there is a watchdog");
     found.rest_cycles.expect("it is known")
 }
 
-fn told(flaws: &[Flaw], what: &str) -> bool {
+fn is_reported(flaws: &[Flaw], what: &str) -> bool {
     let mut flaws = flaws.iter().filter(|flaw| flaw.rule == Rule::Configuration);
     flaws.any(|flaw| flaw.what.contains(what))
 }
@@ -85,24 +85,24 @@ fn a_loop_that_is_counted_or_feeds_the_watchdog_needs_no_name() {
 #[test]
 fn all_but_the_rounds_of_such_loops_is_in_the_figure() {
     let entry = named("app::work", "the bytes");
-    let plain = rest(&report(&or_skip!(uncounted("rest", &entry))));
+    let plain = bounded_cycles(&report(&or_skip!(uncounted("rest", &entry))));
     let stores = "BYTES[7].store(sum, Relaxed);";
     let with = |name: &str, old: &str, new: &str| {
         let project = uncounted(name, &entry).expect("the target is installed");
-        rest(&report(&project.replacing(old, new)))
+        bounded_cycles(&report(&project.replacing(old, new)))
     };
-    let behind = with("rest-behind", stores, &stores.repeat(40));
-    assert!(behind >= plain + 40, "{plain} {behind}");
-    // The way through the loop counts once at most, with whatever stands in it.
+    let after = with("rest-after", stores, &stores.repeat(40));
+    assert!(after >= plain + 40, "{plain} {after}");
+    // The path through the loop counts once at most, with its whole body.
     let within = with("rest-within", LOOP_BODY, &format!("{LOOP_BODY}\n{stores}"));
     assert!(within < plain + 100, "{plain} {within}");
     // Rounds that are counted count.
-    let counted = rest(&report(&project("rest-counted", "").unwrap()));
+    let counted = bounded_cycles(&report(&project("rest-counted", "").unwrap()));
     assert!(counted > plain + 64 * 4, "{plain} {counted}");
 }
 
 #[test]
-fn what_is_left_out_is_neither_looked_at_nor_in_the_figure() {
+fn an_excluded_function_is_neither_analysed_nor_in_the_figure() {
     let slow = "#[inline(never)]
     fn slow(mut left: u32) {
         while left != 0 {
@@ -114,16 +114,16 @@ fn what_is_left_out_is_neither_looked_at_nor_in_the_figure() {
         let project = project(name, entry)?.with("items", slow);
         Some(project.replacing("BYTES[7].store(sum, Relaxed);", "slow(sum);"))
     };
-    let project = or_skip!(with("not-apart", ""));
+    let project = or_skip!(with("not-excluded", ""));
     let line = project.line("while left != 0");
     let line = line.max(project.line("fn slow") + 1);
     assert_caught(&project.flaws(), Rule::UncountedLoop, line..=line + 3);
-    let apart = "[[watchdog.apart]]\nfunction = \"app::slow\"\nreason = \"at rest\"\n";
-    let apart = report(&with("apart", apart).unwrap());
-    assert_eq!(apart.flaws, []);
-    let named = report(&with("not-apart-named", &named("app::slow", "a test")).unwrap());
+    let entry = "[[watchdog.excluded]]\nfunction = \"app::slow\"\nreason = \"at rest\"\n";
+    let excluded = report(&with("excluded", entry).unwrap());
+    assert_eq!(excluded.flaws, []);
+    let named = report(&with("not-excluded-named", &named("app::slow", "a test")).unwrap());
     assert_eq!(named.flaws, []);
-    assert!(rest(&apart) < rest(&named));
+    assert!(bounded_cycles(&excluded) < bounded_cycles(&named));
 }
 
 #[test]
@@ -155,10 +155,10 @@ fn a_function_that_calls_itself_leaves_no_figure() {
 fn an_entry_says_once_what_ends_its_loops() {
     let empty = or_skip!(uncounted("no-reason", &named("app::work", " "))).flaws();
     assert!(
-        told(&empty, "does not say what ends loops in `app::work`"),
+        is_reported(&empty, "does not say what ends loops in `app::work`"),
         "{empty:#?}"
     );
     let twice = named("app::work", "the bytes").repeat(2);
     let twice = uncounted("twice", &twice).unwrap().flaws();
-    assert!(told(&twice, "says twice"), "{twice:#?}");
+    assert!(is_reported(&twice, "says twice"), "{twice:#?}");
 }

@@ -1,4 +1,4 @@
-//! What instructions make of a state.
+//! The transfer function: the effect of an instruction on a state.
 
 use super::{
     Flags, Origins, Value,
@@ -7,7 +7,7 @@ use super::{
 use crate::{Instruction, Operation, Region, instruction::CALL_WRITES};
 
 impl State {
-    pub(super) fn execute(&mut self, around: Surroundings<'_>, instruction: &Instruction) {
+    pub(super) fn transfer(&mut self, around: Surroundings<'_>, instruction: &Instruction) {
         let at = instruction.address;
         let flags = self.arithmetic(at, instruction.operation);
         match instruction.operation {
@@ -135,7 +135,7 @@ impl State {
         match writes {
             Some(writes) if keeps_arguments => {
                 for (register, spans) in (0..).zip(writes) {
-                    self.forget_behind(around, self.get(register), spans);
+                    self.forget_pointees(around, self.get(register), spans);
                 }
                 self.weaken(around);
             }

@@ -1,5 +1,4 @@
-//! The tasks that preempt a row with persistent loops: which of them are warm, and what a run of each
-//! costs.
+//! The tasks that preempt a row with persistent loops: warm or cold, and the cost of their runs.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,7 +10,7 @@ use crate::{
     system::System,
 };
 
-/// What a row has to do, and how many lines one of its visits loads at most.
+/// The arrivals and costs of a row's work, and the most lines that one of its visits loads.
 pub(crate) type Streams = (Vec<(Arrival, PersistentCost)>, u64);
 
 /// The preempting tasks.
@@ -25,8 +24,8 @@ pub(crate) struct PreemptingTasks<'a> {
 }
 
 impl<'a> PreemptingTasks<'a> {
-    /// Of those that preempt, the first are warm, those next are cold. `None`: the cache does not hold
-    /// so much.
+    /// The first of the preempting tasks are warm, the next are cold. `None`: the cache
+    /// does not hold their lines.
     pub(crate) fn new(
         system: &'a System<'a>,
         named: &'a BTreeMap<String, u64>,
@@ -55,33 +54,34 @@ impl<'a> PreemptingTasks<'a> {
         })
     }
 
-    /// What a row costs, and how many lines one of its visits loads at most.
+    /// Returns the cost of a row, and the most lines that one of its visits loads.
     pub(crate) fn run(&self, row: usize) -> Option<(PersistentCost, u64)> {
         self.system.persistent_cost(row, self.named, &self.cached)
     }
 
-    /// The same by the streams of its work.
+    /// Returns the streams of a row's work with their costs.
     pub(crate) fn streams(&self, row_demand: &RowDemand) -> Option<Streams> {
         row_demand.persistent_streams(self.system, self.named, &self.cached)
     }
 
-    /// What a run of a task that preempts costs, with what it costs those that it preempts and those
-    /// that preempt it. `visit`: most lines that one loads; `restart`: what it costs those that it preempts;
-    /// `again`: the same of the cache, if it does not stay for them.
+    /// Returns the cost of one run of a preempting task, with the delay of the preempted tasks and
+    /// of the tasks that preempt the run. `visit`: most lines that one visit loads; `restart`:
+    /// cycles for which a preemption delays the preempted tasks; `reload`: cycles for the lines
+    /// that the preempted tasks lose, if the cache does not keep them.
     pub(crate) fn cost(
         &self,
         row_demand: &RowDemand,
         visit: u64,
-        (restart, again): (u64, u64),
+        (restart, reload): (u64, u64),
     ) -> Option<u64> {
         if self.warm.contains(&row_demand.row) {
             return Some(row_demand.cost.wcet.warm + restart);
         }
         if self.cold.contains(&row_demand.row) {
-            return Some(row_demand.cost.wcet.uncached + restart + again);
+            return Some(row_demand.cost.wcet.uncached + restart + reload);
         }
-        // It may end a visit, and with that a stretch.
-        let reload = visit * self.system.model.miss() + self.cached.share.of_visit;
-        Some(self.run(row_demand.row)?.0.all + restart + again + reload)
+        // A run may end a visit, and thereby a stretch.
+        let visit_cost = visit * self.system.model.miss() + self.cached.share.of_visit;
+        Some(self.run(row_demand.row)?.0.all + restart + reload + visit_cost)
     }
 }

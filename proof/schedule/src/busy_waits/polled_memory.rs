@@ -1,29 +1,31 @@
-//! Loops that do nothing but look at memory, whatever they do besides.
+//! Loops whose exits depend on polled memory.
 //!
-//! What decides of each end of a loop is followed back through the registers that it is computed from. If all of
-//! that is loaded from places that the loop does not write, and nothing of it counts, then others end the loop.
+//! Each exit condition of a loop is followed back through the registers from which the condition is
+//! computed. If all of these values are loaded from addresses that the loop does not write, and
+//! none of them counts, then only another writer ends the loop.
 
 use crate::{Address, Function, Instruction, Loop, Operation, Region};
 
-/// The register with the result of a call, and those with what it is called with.
+/// The register with the result of a call, and the registers with its arguments.
 const RESULT: u16 = 1;
 const ARGUMENTS: u16 = 0xf;
 const STACK_POINTER: u8 = 13;
 
-/// What a loop looks at: the instructions that load what decides, and whether a call gives it.
-struct Looks<'a> {
+/// The values on which the exits of a loop depend: the loads, and whether a call returns one.
+struct ExitConditions<'a> {
     loads: Vec<&'a Instruction>,
     is_called: bool,
 }
 
-/// Whether the ends of a loop depend on memory alone that neither the loop nor what it calls writes.
-pub(super) fn at_memory(function: &Function, one: &Loop, called: &[&Function]) -> bool {
-    let Some(Looks { loads, is_called }) = looks(function, one) else {
+/// Whether the exits of a loop depend only on memory that neither the loop nor its callees write.
+pub(super) fn polls_memory(function: &Function, one: &Loop, called: &[&Function]) -> bool {
+    let Some(ExitConditions { loads, is_called }) = exit_conditions(function, one) else {
         return false;
     };
     let blocks = one.blocks.iter().map(|block| &function.blocks[*block]);
     let own = blocks.map(|block| (function, block));
-    let called = { called.iter() }
+    let called = called
+        .iter()
         .flat_map(|function| function.blocks.iter().map(move |block| (*function, block)));
     let all = own.chain(called).flat_map(|(function, block)| {
         let instructions = block.instructions.iter();
@@ -33,19 +35,20 @@ pub(super) fn at_memory(function: &Function, one: &Loop, called: &[&Function]) -
     (is_called || !loads.is_empty())
         && stores.all(|(from, store)| {
             let mut loads = loads.iter();
-            !is_called && loads.all(|load| are_apart(function, load, from, store))
+            !is_called && loads.all(|load| are_disjoint(function, load, from, store))
         })
 }
 
-/// What decides of the ends of a loop, followed back through registers; `None` if that is more than what is loaded.
-fn looks<'a>(function: &'a Function, one: &Loop) -> Option<Looks<'a>> {
+/// The values on which the exits of a loop depend, followed back through registers; `None` if there
+/// are others than loads and calls.
+fn exit_conditions<'a>(function: &'a Function, one: &Loop) -> Option<ExitConditions<'a>> {
     let blocks = || one.blocks.iter().map(|block| &function.blocks[*block]);
     let all: Vec<&Instruction> = blocks().flat_map(|block| &block.instructions).collect();
     let leaving = blocks().filter(|block| {
         let mut edges = block.successors.iter();
         edges.any(|edge| !one.blocks.contains(&edge.to))
     });
-    let mut found = Looks {
+    let mut found = ExitConditions {
         loads: Vec::new(),
         is_called: false,
     };
@@ -54,7 +57,7 @@ fn looks<'a>(function: &'a Function, one: &Loop) -> Option<Looks<'a>> {
         let (before, registers) = test(&block.instructions)?;
         deciding |= found.within(before, registers)?;
     }
-    // Whatever writes a register in the loop may have written what it holds where a block begins.
+    // Any write of a register in the loop may reach the beginning of a block.
     loop {
         let before = deciding;
         for instruction in &all {
@@ -68,8 +71,8 @@ fn looks<'a>(function: &'a Function, one: &Loop) -> Option<Looks<'a>> {
     }
 }
 
-impl<'a> Looks<'a> {
-    /// Follows registers back to the beginning of a block: those that they are computed from.
+impl<'a> ExitConditions<'a> {
+    /// Follows registers back to the beginning of a block: returns the registers from which they are computed.
     fn within(&mut self, instructions: &'a [Instruction], registers: u16) -> Option<u16> {
         let mut deciding = registers;
         for instruction in instructions.iter().rev() {
@@ -89,7 +92,8 @@ impl<'a> Looks<'a> {
         Some(deciding)
     }
 
-    /// The registers that what an instruction writes is computed from; `None` if it may count.
+    /// The registers from which the results of an instruction are computed; `None` if the
+    /// instruction may count.
     fn followed(&mut self, instruction: &'a Instruction) -> Option<u16> {
         match instruction.operation {
             Operation::Load {
@@ -102,7 +106,7 @@ impl<'a> Looks<'a> {
             }
             Operation::Constant { .. } | Operation::ConstantTop { .. } => Some(0),
             Operation::Copy { from, .. } => Some(1 << from),
-            // What is masked or shifted in its own register was loaded before.
+            // A value masked or shifted in its own register was loaded before.
             Operation::Plain { writes } => Some(writes),
             Operation::Call(_) => {
                 self.is_called = true;
@@ -123,8 +127,8 @@ const fn is_in_frame(address: Address) -> bool {
     )
 }
 
-/// The instructions before the test that the branch at the end of a block depends on, and the registers that it
-/// tests; `None` if these are not known.
+/// The instructions before the test on which the branch at the end of a block depends, and the
+/// tested registers; `None` if these are not known.
 fn test(instructions: &[Instruction]) -> Option<(&[Instruction], u16)> {
     let (last, before) = instructions.split_last()?;
     if let Operation::JumpOnZero { register, .. } = last.operation {
@@ -134,7 +138,7 @@ fn test(instructions: &[Instruction]) -> Option<(&[Instruction], u16)> {
     let registers = match before[at].operation {
         Operation::Compare { left, .. } => 1 << left,
         Operation::CompareRegisters { left, right } => 1 << left | 1 << right,
-        // A test of bits: of what was loaded just before.
+        // A test of bits of the value that was loaded just before.
         Operation::Plain { writes: 0 } => {
             let mut values = before[..at].iter().rev();
             values.find_map(|it| match it.operation {
@@ -174,8 +178,8 @@ const fn is_store(operation: &Operation) -> bool {
     )
 }
 
-/// Whether what an instruction loads is not what another stores.
-fn are_apart(
+/// Whether a load and a store access different memory.
+fn are_disjoint(
     function: &Function,
     load: &Instruction,
     from: &Function,

@@ -1,7 +1,7 @@
 //! When the edges of the step pins come after the release of their task: the jitter.
 //!
-//! The first store to a port's set-reset register outputs what the run before has computed. The
-//! longest way there, from a cold cache, less the shortest, is how much an edge may move.
+//! The first store to a port's set-reset register outputs the pins that the previous run has
+//! computed. The jitter is the longest path to that store, from a cold cache, less the shortest.
 
 use std::collections::BTreeSet;
 
@@ -45,7 +45,7 @@ const fn is_set_reset(address: u32) -> bool {
     matches!(address, 0x4002_0000..=0x4002_2bff) && address & 0x3ff == 0x18
 }
 
-/// In which block a store is first, and at which place in it.
+/// The index of the first of the stores in a block.
 fn place(function: &Function, stores: &BTreeSet<u32>, block: usize) -> Option<usize> {
     let instructions = &function.blocks[block].instructions;
     instructions
@@ -94,23 +94,23 @@ fn longest(wcets: &Wcets<'_>, function: &Function, stores: &BTreeSet<u32>) -> Op
 
 /// The fewest cycles to one of the stores: everything in the cache, nothing waits.
 fn shortest(function: &Function, stores: &BTreeSet<u32>) -> Option<u64> {
-    let mut ways: Vec<Option<u64>> = vec![None; function.blocks.len()];
-    *ways.first_mut()? = Some(0);
+    let mut cycles_to: Vec<Option<u64>> = vec![None; function.blocks.len()];
+    *cycles_to.first_mut()? = Some(0);
     let mut work = BTreeSet::from([(0, 0)]);
     let mut best: Option<u64> = None;
-    while let Some((way, block)) = work.pop_first() {
+    while let Some((cycles, block)) = work.pop_first() {
         let instructions = &function.blocks[block].instructions;
         let store = place(function, stores, block);
         let part = &instructions[..store.map_or(instructions.len(), |store| store + 1)];
-        let end = way + part.iter().map(Model::least).sum::<u64>();
+        let end = cycles + part.iter().map(Model::least).sum::<u64>();
         if store.is_some() {
             best = Some(best.map_or(end, |best| best.min(end)));
             continue;
         }
         for edge in &function.blocks[block].successors {
             let new = end + if edge.is_taken { SHORTEST_REFILL } else { 0 };
-            if ways[edge.to].is_none_or(|old| new < old) {
-                ways[edge.to] = Some(new);
+            if cycles_to[edge.to].is_none_or(|old| new < old) {
+                cycles_to[edge.to] = Some(new);
                 work.insert((new, edge.to));
             }
         }
@@ -126,7 +126,7 @@ mod tests {
     use crate::{testing, wcet::Functions};
 
     #[test]
-    fn an_edge_moves_by_the_difference_of_the_ways_to_it() {
+    fn the_jitter_of_an_edge_is_the_difference_of_its_paths() {
         let shape: &[(u32, &[usize])] = &[(2, &[1, 2]), (9, &[2]), (3, &[3]), (50, &[])];
         let mut function = testing::function(shape);
         let store = function.blocks[2].instructions[1].address;

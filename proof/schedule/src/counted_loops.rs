@@ -1,13 +1,13 @@
 //! Loops whose number of runs follows from constants.
 //!
-//! A loop is followed run by run, beginning with what is known where it is entered. When all ways
+//! A loop is followed run by run, beginning with what is known where it is entered. When all paths
 //! back to its head are closed by comparisons of known values, it has been run to its end.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     Block, Instruction, Loop, Operation,
-    flow::States,
+    value_analysis::States,
     values::{State, Surroundings},
 };
 

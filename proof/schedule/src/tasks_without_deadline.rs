@@ -1,9 +1,10 @@
-//! The loops of tasks without a deadline, and what these tasks take besides.
+//! Uncounted loops of tasks without a deadline, and the execution time of these tasks besides.
 //!
-//! `idle` feeds the watchdog when all of them have come to their end. So each of their loops has to end. One that
-//! nothing counts, and that does not feed the watchdog itself, has to be named in `schedule.toml`, with what ends it:
-//! any other is an error. All else that these tasks do has a bound, which is a figure of the report: each way of a
-//! run, without the rounds of the loops that are named.
+//! `idle` feeds the watchdog when all of them have come to their end. So each of their loops has to
+//! end. A loop without a count that does not feed the watchdog must be named in `schedule.toml`,
+//! with the reason why it ends; any other such loop is an error. All else that these tasks do has a
+//! bound, which is a figure of the report: each way of a run, without the rounds of the loops that
+//! are named.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,25 +20,31 @@ use crate::{
     wcet::{Functions, Wcets},
 };
 
-/// Writes down the loops of the tasks without a deadline, what these take besides, and what is wrong with them.
-pub(crate) fn look(system: &System<'_>, named: &BTreeMap<String, u64>, report: &mut Report) {
-    let rows = { system.rows.iter() }.filter(|row| row.times.is_none());
+/// Reports the loops of the tasks without a deadline, the execution time besides, and flaws.
+pub(crate) fn report_loops(
+    system: &System<'_>,
+    named: &BTreeMap<String, u64>,
+    report: &mut Report,
+) {
+    let rows = system.rows.iter().filter(|row| row.times.is_none());
     let rows: Vec<_> = rows.collect();
-    let Some(watchdog) = { system.config.watchdog.as_ref() }.filter(|_| !rows.is_empty()) else {
+    let Some(watchdog) = system.config.watchdog.as_ref().filter(|_| !rows.is_empty()) else {
         return;
     };
     let pointers = findings::pointers(system);
-    let apart = apart(system, watchdog);
+    let excluded_by_watchdog = excluded_functions(system, watchdog);
     let mut reached = BTreeSet::new();
     for row in &rows {
-        let left_out = row.excluded.union(&apart).copied().collect();
+        let left_out = row.excluded.union(&excluded_by_watchdog).copied().collect();
         reached.extend(reach(system, row.root, &left_out, &pointers));
     }
     let mut found = TasksWithoutDeadline {
         tasks: rows.iter().map(|row| row.name.clone()).collect(),
         counted: 0,
         fed: 0,
-        uncounted: { watchdog.uncounted.iter() }
+        uncounted: watchdog
+            .uncounted
+            .iter()
             .map(|entry| UncountedLoops {
                 reason: entry.reason.clone(),
                 places: Vec::new(),
@@ -63,9 +70,9 @@ pub(crate) fn look(system: &System<'_>, named: &BTreeMap<String, u64>, report: &
     let excluded = rows.iter().flat_map(|row| &row.excluded).copied().collect();
     let mut functions = system.program.functions().clone();
     for function in functions.values_mut() {
-        cut(function, &apart);
+        strip(function, &excluded_by_watchdog);
     }
-    found.rest_cycles = rest(system, functions, &roots, named, &excluded, &pointers);
+    found.rest_cycles = bounded_cycles(system, functions, &roots, named, &excluded, &pointers);
     if found.rest_cycles.is_none() {
         flaws.push(Flaw::new(
             Rule::UnboundedLoop,
@@ -78,15 +85,22 @@ pub(crate) fn look(system: &System<'_>, named: &BTreeMap<String, u64>, report: &
     report.flaws.extend(flaws);
 }
 
-/// The functions that are left out.
-fn apart(system: &System<'_>, watchdog: &Watchdog) -> BTreeSet<u32> {
-    let is_apart = |name: &str| { watchdog.apart.iter() }.any(|it| is_named(name, &it.function));
+/// The functions that `schedule.toml` excludes from this analysis.
+fn excluded_functions(system: &System<'_>, watchdog: &Watchdog) -> BTreeSet<u32> {
+    let is_excluded = |name: &str| {
+        watchdog
+            .excluded
+            .iter()
+            .any(|it| is_named(name, &it.function))
+    };
     let functions = system.program.functions().values();
-    let apart = functions.filter(|function| is_apart(&function.name));
-    apart.map(|function| function.address).collect()
+    let excluded_by_watchdog = functions.filter(|function| is_excluded(&function.name));
+    excluded_by_watchdog
+        .map(|function| function.address)
+        .collect()
 }
 
-/// What a root calls, also through pointers, but for panics and what is excused.
+/// The functions that a root calls, also through pointers, without panics and excluded functions.
 fn reach(
     system: &System<'_>,
     root: u32,
@@ -129,7 +143,10 @@ fn uncounted(
         }
     }
     // A loop with two entries is no loop of the graph.
-    let flaws = { function.flaws.iter() }.filter(|flaw| flaw.rule == Rule::IrreducibleLoop);
+    let flaws = function
+        .flaws
+        .iter()
+        .filter(|flaw| flaw.rule == Rule::IrreducibleLoop);
     uncounted.extend(flaws.map(|flaw| {
         let frames = image.frames(flaw.place.address);
         let within = source_function(frames.iter()).unwrap_or_else(|| function.name.clone());
@@ -157,7 +174,7 @@ fn unnamed(within: &str, place: Place) -> Flaw {
     )
 }
 
-/// What is wrong with the entries themselves.
+/// The flaws of the entries themselves.
 fn of_entries(watchdog: &Watchdog) -> Vec<Flaw> {
     let mut flaws = Vec::new();
     let mut seen = BTreeSet::new();
@@ -179,7 +196,7 @@ fn of_entries(watchdog: &Watchdog) -> Vec<Flaw> {
 
 /// How long a run from each of these roots takes, one after the other, in functions from which everything else has
 /// been cut; `None`: it is not known.
-fn rest(
+fn bounded_cycles(
     system: &System<'_>,
     mut functions: Functions,
     roots: &BTreeSet<u32>,
@@ -188,25 +205,27 @@ fn rest(
     pointers: &BTreeMap<u32, BTreeSet<u32>>,
 ) -> Option<u64> {
     let frame = system.model.entry_and_exit() + system.model.lazy_save() + system.model.miss();
-    // What a pointer leads to is taken for the dearest; that may call through pointers itself.
+    // A pointer is taken to call the costliest function, which may call through pointers itself.
     loop {
         let wcets = Wcets::new(&functions, &system.model, named, excluded.clone());
-        let dearest = dearest(&wcets, pointers);
+        let costliest = costliest(&wcets, pointers);
         let cycles = roots
             .iter()
             .map(|root| Some(wcets.bound(*root, Cache::Uncached)?.cycles() + frame));
         let cycles: Option<u64> = cycles.sum();
         drop(wcets);
-        if !resolve(&mut functions, &dearest) {
+        if !resolve(&mut functions, &costliest) {
             return cycles;
         }
     }
 }
 
-/// Takes away the rounds of loops that nothing counts, and the calls of what is left out.
-fn cut(function: &mut Function, apart: &BTreeSet<u32>) {
+/// Removes the iterations of uncounted loops, and the calls of excluded functions.
+fn strip(function: &mut Function, excluded_by_watchdog: &BTreeSet<u32>) {
     for block in &mut function.blocks {
-        block.call = block.call.filter(|call| !apart.contains(call));
+        block.call = block
+            .call
+            .filter(|call| !excluded_by_watchdog.contains(call));
     }
     for looped in &mut function.loops {
         if looped.bound.is_none() && looped.total.is_none() {
@@ -220,10 +239,10 @@ fn cut(function: &mut Function, apart: &BTreeSet<u32>) {
     unroll(function);
 }
 
-/// Makes a graph without loops with two entries: a way that goes back in one goes on in a copy of the graph. There
-/// are as many copies as such ways back: each loop can be passed once from any of its entries.
+/// Makes loops with two entries acyclic: an edge back in such a loop leads to a copy of the graph. There are as many
+/// copies as such edges: each loop can be passed once from any of its entries.
 fn unroll(function: &mut Function) {
-    let back = ways_back(function);
+    let back = back_edges(function);
     let (blocks, loops) = (function.blocks.clone(), function.loops.clone());
     let size = blocks.len();
     function.blocks.clear();
@@ -251,8 +270,8 @@ fn unroll(function: &mut Function) {
     }
 }
 
-/// The ways back in a function that are not those of its loops.
-fn ways_back(function: &Function) -> BTreeSet<(usize, usize)> {
+/// The back edges of a function that belong to no natural loop.
+fn back_edges(function: &Function) -> BTreeSet<(usize, usize)> {
     let mut is_open = vec![false; function.blocks.len()];
     let mut is_seen = is_open.clone();
     let mut back = BTreeSet::new();
@@ -279,22 +298,22 @@ fn ways_back(function: &Function) -> BTreeSet<(usize, usize)> {
     back
 }
 
-/// For each function that calls through pointers, the dearest that these may lead to.
-fn dearest(wcets: &Wcets<'_>, pointers: &BTreeMap<u32, BTreeSet<u32>>) -> BTreeMap<u32, u32> {
-    // What has no bound is the dearest.
+/// For each function that calls through pointers, the costliest possible callee.
+fn costliest(wcets: &Wcets<'_>, pointers: &BTreeMap<u32, BTreeSet<u32>>) -> BTreeMap<u32, u32> {
+    // A function without a bound is the costliest.
     let cost = |at: &u32| {
         let bound = wcets.bound(*at, Cache::Uncached);
         bound.map_or(u64::MAX, |bound| bound.cycles())
     };
-    let dearest = pointers.iter().filter_map(|(function, called)| {
+    let costliest = pointers.iter().filter_map(|(function, called)| {
         let called = called.iter().filter(|at| !wcets.excluded.contains(at));
         Some((*function, *called.max_by_key(|at| cost(at))?))
     });
-    dearest.collect()
+    costliest.collect()
 }
 
-/// Writes what pointers lead to into the blocks that call through them. Returns whether anything was not so.
-fn resolve(functions: &mut Functions, dearest: &BTreeMap<u32, u32>) -> bool {
+/// Resolves the calls through pointers in all blocks. Returns whether any call changed.
+fn resolve(functions: &mut Functions, costliest: &BTreeMap<u32, u32>) -> bool {
     let mut is_new = false;
     for (address, function) in functions {
         for block in &mut function.blocks {
@@ -305,10 +324,10 @@ fn resolve(functions: &mut Functions, dearest: &BTreeMap<u32, u32>) -> bool {
                 continue;
             };
             let known = stack::constant(register, before).map(|at| at & !1);
-            let called = known.or_else(|| dearest.get(address).copied());
+            let called = known.or_else(|| costliest.get(address).copied());
             if called.is_some() && block.call != called {
                 block.call = called;
-                // A jump ends the function as what it leads to does.
+                // A jump ends the function as its target does.
                 block.ends |= block.traps;
                 block.traps = false;
                 is_new = true;
@@ -333,7 +352,7 @@ mod tests {
         (1000, &[1]),
     ];
 
-    /// What a function costs, with whatever it calls.
+    /// The cost of a function with its callees.
     fn cost(functions: &Functions, address: u32) -> Option<u64> {
         let (model, named) = (Model::new(&testing::CLOCK), BTreeMap::new());
         let wcets = Wcets::new(functions, &model, &named, BTreeSet::new());
@@ -348,14 +367,14 @@ mod tests {
     #[test]
     fn a_loop_with_two_entries_is_passed_once_from_each() {
         let mut function = testing::function(&TWO_ENTRIES);
-        assert_eq!(ways_back(&function).len(), 1);
-        cut(&mut function, &BTreeSet::new());
-        assert_eq!(ways_back(&function).len(), 0);
-        // 0, 5, 1, 2 and in a second round 1, 3, or: 2, 1, 2.
+        assert_eq!(back_edges(&function).len(), 1);
+        strip(&mut function, &BTreeSet::new());
+        assert_eq!(back_edges(&function).len(), 0);
+        // 0, 5, 1, 2 and in a second pass 1, 3, or: 2, 1, 2.
         let longest = alone(function);
-        let way = 1 + 1000 + 10 + 100;
-        assert!(longest >= way + 10, "{longest}");
-        assert!(longest < way + 250, "{longest}");
+        let path = 1 + 1000 + 10 + 100;
+        assert!(longest >= path + 10, "{longest}");
+        assert!(longest < path + 250, "{longest}");
     }
 
     #[test]
@@ -366,7 +385,7 @@ mod tests {
             let mut looped = testing::counted(1, &[1], &[1], 7);
             looped.bound = looped.bound.filter(|_| bound);
             function.loops.push(looped);
-            cut(&mut function, &BTreeSet::new());
+            strip(&mut function, &BTreeSet::new());
             alone(function)
         };
         let once = with(false);
@@ -375,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pointer_leads_to_the_dearest_and_what_has_no_bound_is_dearer_still() {
+    fn a_pointer_leads_to_the_costliest_and_a_function_without_a_bound_is_costlier_still() {
         let root = 0x0800_0000;
         let mut functions = BTreeMap::new();
         for (address, length) in [(root, 2), (0x0900_0000, 10), (0x0a00_0000, 300)] {
@@ -391,7 +410,7 @@ mod tests {
         let resolved = |mut functions: Functions| {
             let (model, named) = (Model::new(&testing::CLOCK), BTreeMap::new());
             let wcets = Wcets::new(&functions, &model, &named, BTreeSet::new());
-            let found = dearest(&wcets, &pointers);
+            let found = costliest(&wcets, &pointers);
             drop(wcets);
             assert!(resolve(&mut functions, &found));
             assert!(!resolve(&mut functions, &found));

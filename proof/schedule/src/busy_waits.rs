@@ -1,31 +1,34 @@
-//! Loops that wait: a bound that is stated for one is believed by nobody.
+//! Busy-waiting loops, for which a stated bound is not accepted.
 //!
-//! A loop whose number of runs the source states must make progress by itself. One that reads a
-//! peripheral, by itself or in what it calls, needs an end that depends on a counter; and one whose
-//! ends depend on nothing but memory that it does not write waits for whoever writes there.
+//! A loop whose number of runs the source states must make progress by itself. A loop that reads a
+//! peripheral, directly or in a called function, needs an exit that depends on a counter. A loop
+//! whose exits depend only on memory that the loop does not write waits for another writer.
 
-mod looks;
+mod polled_memory;
 
 use std::collections::BTreeSet;
 
 use crate::{
     Block, Count, Flaw, Function, Image, Instruction, Loop, Operation, Region, Rule,
-    wcet::Functions,
+    loops::is_on_every_path, wcet::Functions,
 };
 
-/// The loops with a stated bound that wait, of those of a function that begin in some of its blocks.
+/// Returns a flaw for each busy-waiting loop of a function that has a stated bound and a wanted
+/// head.
 pub(crate) fn flaws(
     image: &Image,
     functions: &Functions,
     function: &Function,
     is_wanted: impl Fn(usize) -> bool,
 ) -> Vec<Flaw> {
-    let looking = function.loops.iter().filter(|one| {
-        is_wanted(one.head) && stated(one).next().is_some() && looks(functions, function, one)
+    let waiting = function.loops.iter().filter(|one| {
+        is_wanted(one.head)
+            && stated(one).next().is_some()
+            && is_busy_wait(functions, function, one)
     });
-    let flaws = looking.filter_map(|one| {
+    let flaws = waiting.filter_map(|one| {
         let head = function.blocks[one.head].start();
-        let read = { own_instructions(function, one) }
+        let read = own_instructions(function, one)
             .find(|it| is_peripheral(function, it))
             .map_or(head, |it| it.address);
         let (rule, what) = if has_counted_end(function, one) {
@@ -49,7 +52,7 @@ pub(crate) fn flaws(
     flaws.collect()
 }
 
-/// What the source says of how often a loop runs, and where.
+/// The bounds that the source states for a loop, and their places.
 fn stated(one: &Loop) -> impl Iterator<Item = (&Count, &String)> {
     let bound = one.bound.iter().map(|bound| (&bound.count, &bound.origin));
     let total = one.total.iter().map(|total| (&total.count, &total.origin));
@@ -77,23 +80,26 @@ fn is_peripheral(function: &Function, instruction: &Instruction) -> bool {
         )
 }
 
-/// Whether a loop, or what it calls, looks at what others write.
-fn looks(functions: &Functions, function: &Function, one: &Loop) -> bool {
+/// Whether a loop, or a function called in it, waits for a peripheral or for another writer of
+/// memory.
+fn is_busy_wait(functions: &Functions, function: &Function, one: &Loop) -> bool {
     let called = called(functions, function, one);
     let mut instructions = called.iter().flat_map(|function| {
         let blocks = function.blocks.iter().flat_map(|it| &it.instructions);
         blocks.map(move |it| (function, it))
     });
     let is_read = instructions.any(|(function, it)| is_peripheral(function, it));
-    is_read || looks_elsewhere(function, one) || looks::at_memory(function, one, &called)
+    is_read
+        || depends_on_external_state(function, one)
+        || polled_memory::polls_memory(function, one, &called)
 }
 
-/// Whether a loop by itself, without what it calls, reads a peripheral, or what others write to memory.
-pub(crate) fn looks_elsewhere(function: &Function, one: &Loop) -> bool {
+/// Whether a loop by itself, without its callees, reads a peripheral or memory that others write.
+pub(crate) fn depends_on_external_state(function: &Function, one: &Loop) -> bool {
     let mut blocks = one.blocks.iter().map(|block| &function.blocks[*block]);
     let has_calls = blocks.any(|block| block.call.is_some());
     own_instructions(function, one).any(|it| is_peripheral(function, it))
-        || !has_calls && looks::at_memory(function, one, &[])
+        || !has_calls && polled_memory::polls_memory(function, one, &[])
 }
 
 /// Whether a loop by itself reads a peripheral, and no counter ends it.
@@ -120,7 +126,7 @@ fn called<'a>(functions: &'a Functions, function: &Function, one: &Loop) -> Vec<
     found
 }
 
-/// What a block calls that comes back.
+/// The callee of a block, if the call returns.
 fn returning_call(block: &Block) -> Option<u32> {
     block.call.filter(|_| !block.traps)
 }
@@ -133,7 +139,9 @@ fn has_counted_end(function: &Function, one: &Loop) -> bool {
         let block = &function.blocks[*index];
         let mut edges = block.successors.iter();
         let leaves = edges.any(|edge| !one.blocks.contains(&edge.to));
-        leaves && is_on_each_way(function, one, *index) && looks_at(block, &counters)
+        leaves
+            && is_on_every_path(function, one, &BTreeSet::from([*index]))
+            && tests_counter(block, &counters)
     })
 }
 
@@ -154,7 +162,7 @@ fn counters(function: &Function, one: &Loop) -> BTreeSet<u8> {
 }
 
 /// Whether the branch at the end of a block depends on a counter.
-fn looks_at(block: &Block, counters: &BTreeSet<u8>) -> bool {
+fn tests_counter(block: &Block, counters: &BTreeSet<u8>) -> bool {
     let Some((last, before)) = block.instructions.split_last() else {
         return false;
     };
@@ -170,24 +178,4 @@ fn looks_at(block: &Block, counters: &BTreeSet<u8>) -> bool {
         }
         _ => false,
     })
-}
-
-/// Whether no run of a loop leaves a block out.
-pub(crate) fn is_on_each_way(function: &Function, one: &Loop, wanted: usize) -> bool {
-    if wanted == one.head {
-        return true;
-    }
-    let mut seen = BTreeSet::from([one.head]);
-    let mut work = vec![one.head];
-    while let Some(block) = work.pop() {
-        for edge in &function.blocks[block].successors {
-            if edge.to == one.head {
-                return false;
-            }
-            if edge.to != wanted && one.blocks.contains(&edge.to) && seen.insert(edge.to) {
-                work.push(edge.to);
-            }
-        }
-    }
-    true
 }

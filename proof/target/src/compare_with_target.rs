@@ -66,7 +66,7 @@ fn on_the_chip() -> Result<()> {
     cargo::need_qemu()?;
     for path in examples()? {
         for machine in machines(proven::committed())? {
-            // What the time goes into is looked at on the host alone.
+            // Profiles of time are taken on the host alone.
             let here = Figures {
                 times: JobTimes::default(),
                 ..play::play(&path, &machine.settings)?
@@ -101,7 +101,7 @@ fn in_the_firmware() -> Result<()> {
     Ok(())
 }
 
-/// What must be equal although bytes arrive at other times.
+/// The results that must be equal although bytes arrive at other times.
 fn compare(path: &Path, here: &Figures, there: &Figures) -> Result<()> {
     let name = path.display();
     ensure!(here.responses == there.responses, "{name}: other answers");
