@@ -68,17 +68,25 @@ fn collect(name: &str, value: &Value, numbers: &mut BTreeMap<String, String>) {
         Value::String(formula) => {
             numbers.insert(name.to_owned(), formula.clone());
         }
-        Value::Integer(number) => {
-            numbers.insert(name.to_owned(), number.to_string());
+        other => {
+            numbers.insert(name.to_owned(), shown(other));
         }
-        Value::Float(number) => {
-            numbers.insert(name.to_owned(), format!("{number:?}"));
+    }
+}
+
+/// A value as it stands in the file.
+fn shown(value: &Value) -> String {
+    match value {
+        Value::String(text) => format!("\"{text}\""),
+        Value::Integer(number) => number.to_string(),
+        Value::Float(number) => format!("{number:?}"),
+        Value::Boolean(value) => value.to_string(),
+        Value::Datetime(time) => time.to_string(),
+        Value::Array(values) => {
+            let values: Vec<_> = values.iter().map(shown).collect();
+            format!("[{}]", values.join(", "))
         }
-        Value::Boolean(value) => {
-            numbers.insert(name.to_owned(), value.to_string());
-        }
-        // Figures have none of them.
-        Value::Array(_) | Value::Datetime(_) => {}
+        Value::Table(_) => String::new(),
     }
 }
 
