@@ -5,10 +5,10 @@ use super::sources;
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
-    ("proof", 27_800),
+    ("proof", 27_900),
     ("src", 33_750),
-    ("tests", 34_100),
-    ("xtask", 22_250),
+    ("tests", 34_300),
+    ("xtask", 22_500),
 ];
 
 /// How far a ceiling may be above what is there, so that it is lowered with the code.
