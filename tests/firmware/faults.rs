@@ -159,7 +159,7 @@ fn a_task_that_hangs_is_ended_by_the_watchdog() {
 }
 
 #[test]
-fn a_fault_is_told_before_and_after_the_reset() {
+fn a_fault_is_reported_before_and_after_the_reset() {
     for (task, fault, cause, place) in [
         ("TIM1_BRK_TIM9", Fault::Undefined, "processor fault", ""),
         ("TIM4", Fault::Push, "processor fault", ""),
@@ -176,7 +176,7 @@ fn a_fault_is_told_before_and_after_the_reset() {
 }
 
 #[test]
-fn a_crystal_that_stops_is_told_after_the_reset() {
+fn a_crystal_that_stops_is_reported_after_the_reset() {
     if let Some((machine, lines)) = restart("SysTick", CRYSTAL_STOPS) {
         // Before it, the bits would be too long.
         assert!(

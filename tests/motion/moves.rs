@@ -75,7 +75,7 @@ fn the_same_program_twice_makes_the_same_trace() {
 }
 
 #[test]
-fn an_end_half_way_between_two_steps_is_where_grbl_goes() {
+fn an_end_exactly_between_two_steps_is_where_grbl_goes() {
     let settings = with(&[250.0], &[6000.0], &[500.0]);
     // In single precision it is a little less than half-way.
     let trace = check(&settings, &[line(&[-0.014], 3000.0)]);

@@ -102,7 +102,7 @@ fn the_feed_of_an_arc_is_that_of_its_linear_axes() {
 }
 
 #[test]
-fn a_turn_with_next_to_no_linear_way_reaches_its_end() {
+fn a_turn_with_hardly_any_linear_distance_reaches_its_end() {
     for ramp_s in [0.0, 0.05] {
         let settings = settings(ramp_s);
         for target in [

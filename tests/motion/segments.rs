@@ -366,7 +366,7 @@ fn a_tool_path_of_long_and_very_short_lines_makes_no_burst_of_segments() {
 }
 
 #[test]
-fn short_lines_after_an_arc_that_ends_behind_a_reversal_make_no_burst_of_segments() {
+fn short_lines_after_an_arc_that_ends_after_a_reversal_make_no_burst_of_segments() {
     let mut chords = vec![(0.1, 3.15); 53];
     chords.extend([
         (1.25, 6.12),

@@ -108,7 +108,7 @@ fn the_travel_is_that_of_the_cutter_and_not_of_the_contour() {
 }
 
 #[test]
-fn a_sender_that_leaves_the_machine_standing_in_a_contour_is_told_so_once_after_a_second() {
+fn a_sender_that_leaves_the_machine_standing_in_a_contour_gets_one_message_after_a_second() {
     let mut undisturbed = DISTURBED.sent();
     undisturbed.run_to_rest();
     let end = undisturbed.physical_steps();
@@ -118,16 +118,16 @@ fn a_sender_that_leaves_the_machine_standing_in_a_contour_is_told_so_once_after_
     for (index, line) in CONTOUR.iter().enumerate() {
         // Answered although nothing follows: who waits for each answer never stands still for good.
         assert_eq!(execute(&mut machine, line), ["ok"], "{line}");
-        let mut rest_began = machine.now();
+        let mut standstill_began = machine.now();
         let mut messages = Vec::new();
         while machine.advance() {
             let now = machine.now();
             if !machine.snapshot().is_at_rest {
-                rest_began = now;
+                standstill_began = now;
             }
             let lines = machine.lines();
             if !lines.is_empty() {
-                let elapsed_ms = (now - rest_began) / MS;
+                let elapsed_ms = (now - standstill_began) / MS;
                 assert!(
                     (1000..1100).contains(&elapsed_ms),
                     "{line}: {elapsed_ms} ms"

@@ -86,7 +86,7 @@ fn a_limit_switch_at_any_stage_ends_the_cycle() {
 }
 
 #[test]
-fn a_laser_is_dark_in_all_of_a_cycle_and_burns_again_behind_it() {
+fn a_laser_is_dark_in_all_of_a_cycle_and_burns_again_after_it() {
     for code in [3, 4] {
         for line in &CYCLES {
             let spindle = format!("M{code}S500");
@@ -135,7 +135,7 @@ fn a_line_that_leaves_the_travel_drills_nothing() {
 }
 
 #[test]
-fn the_word_that_a_cycle_lacks_is_told() {
+fn the_word_that_a_cycle_lacks_is_reported() {
     let mut bench = Bench::new();
     bench.ask("$C");
     assert_eq!(bench.ask("F100 M3 S100"), ["ok"]);

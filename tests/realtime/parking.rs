@@ -90,7 +90,7 @@ fn parking_far_at_a_fine_resolution_keeps_the_limits() {
 }
 
 #[test]
-fn a_door_opened_on_the_way_back_parks_again() {
+fn a_door_opened_while_returning_parks_again() {
     // Fast on the way to the waypoint, waiting there, and slow into the work.
     for ms in [500, 3000, 7000] {
         let mut rig = above_work();

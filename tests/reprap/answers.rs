@@ -58,7 +58,7 @@ fn m114_tells_of_the_last_line_while_the_machine_still_moves() {
 }
 
 #[test]
-fn parts_that_are_not_there_are_told_and_nobody_waits_for_them() {
+fn parts_that_are_not_there_are_reported_and_nobody_waits_for_them() {
     let mut machine = reprap();
     for (line, answer) in [
         ("M109 S200", Some("echo:M109: not present")),

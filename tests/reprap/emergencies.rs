@@ -97,14 +97,14 @@ fn an_emergency_that_is_refused_for_its_words_is_answered_once() {
 fn an_emergency_whose_line_comes_in_two_pieces_is_answered_once() {
     let line = "M410 ; stop\n";
     // The receiver releases the session at each 256th byte, wherever that is in a line.
-    for behind in 1..line.len() {
+    for missing in 1..line.len() {
         let mut machine = reprap();
-        let comment = format!(";{}\n", "-".repeat(254 - behind));
+        let comment = format!(";{}\n", "-".repeat(254 - missing));
         machine.send(format!("{comment}{line}G1 X1 F6000\n"));
         machine.run_to_rest();
         machine.run(100);
-        assert_eq!(machine.lines(), ["ok", "ok"], "{behind}");
-        assert_eq!(xy(&machine)[0], STEPS_PER_MM, "{behind}");
+        assert_eq!(machine.lines(), ["ok", "ok"], "{missing}");
+        assert_eq!(xy(&machine)[0], STEPS_PER_MM, "{missing}");
     }
 }
 
@@ -123,7 +123,7 @@ fn m108_and_m24_go_on_after_a_pause() {
 }
 
 #[test]
-fn realtime_bytes_count_only_behind_a_line_end_or_silence() {
+fn realtime_bytes_count_only_after_a_line_end_or_silence() {
     let mut machine = reprap();
     // Part of a line: a hold, a reset, a report and coolant, if they counted.
     assert_eq!(machine.ask("M117 Done! ~?\u{18}"), ["ok"]);
@@ -242,7 +242,7 @@ fn a_pause_goes_on_by_m108_behind_a_full_queue() {
 
 #[test]
 fn in_a_lost_line_realtime_bytes_and_parts_of_codes_are_text() {
-    for rest in [
+    for remainder in [
         "G1 X1!~?\n",
         "M117 M112\n",
         "M1120\n",
@@ -252,14 +252,14 @@ fn in_a_lost_line_realtime_bytes_and_parts_of_codes_are_text() {
         "X\u{18}\n",
         "M118 !",
     ] {
-        let mut machine = sent_ahead(5000, rest);
+        let mut machine = sent_ahead(5000, remainder);
         machine.run(80);
-        assert_eq!(machine.state(), State::Run, "{rest}");
-        assert!(machine.lines().is_empty(), "{rest}");
+        assert_eq!(machine.state(), State::Run, "{remainder}");
+        assert!(machine.lines().is_empty(), "{remainder}");
         // After silence a realtime byte counts anywhere.
         machine.run(100);
         machine.send_for(b"!", 200);
-        assert_eq!(machine.state(), State::HoldComplete, "{rest}");
+        assert_eq!(machine.state(), State::HoldComplete, "{remainder}");
     }
 }
 

@@ -16,7 +16,7 @@ const END: &str = "at 0,0,0";
 
 /// Runs a script in an empty folder of a name; what it needs is made there, and its arguments are added, by `prepare`.
 /// Skipped with the reason where there is no browser.
-pub(super) fn look(
+pub(super) fn run_script(
     script: &str,
     folder: &str,
     prepare: impl FnOnce(&PathBuf, &mut Command) -> Result<()>,

@@ -394,7 +394,10 @@ impl Run {
     fn measure(&mut self) -> Result<()> {
         let reported = self.steps(&self.reported()?);
         let made = self.machine.steps()?.unwrap_or_else(|| reported.clone());
-        let offset = made.iter().zip(&reported).map(|(made, told)| made - told);
+        let offset = made
+            .iter()
+            .zip(&reported)
+            .map(|(made, reported_mm)| made - reported_mm);
         self.offset = Some(offset.collect());
         fs::write(self.folder.join("measured"), "").context("cannot tell the script to go on")
     }
@@ -441,11 +444,11 @@ impl Run {
             "the machine is at {reported:?} instead of {wanted:?}"
         );
         if let (Some(made), Some(offset)) = (self.machine.steps()?, &self.offset) {
-            let told = self.steps(&wanted);
-            let expected: Vec<_> = told
+            let reported_mm = self.steps(&wanted);
+            let expected: Vec<_> = reported_mm
                 .iter()
                 .zip(offset)
-                .map(|(told, more)| told + more)
+                .map(|(reported_mm, more)| reported_mm + more)
                 .collect();
             ensure!(
                 made == expected,

@@ -10,7 +10,7 @@ const SCRIPT: &str = "view_page.js";
 
 /// Makes the page and the step trace of an example, and has a browser look at the page.
 pub(super) fn page() -> Result<Verdict> {
-    browser::look(SCRIPT, "view-page", |folder, node| {
+    browser::run_script(SCRIPT, "view-page", |folder, node| {
         let examples = cargo::root().join("examples");
         let [page, trace] = ["page.html", "trace.csv"].map(|name| folder.join(name));
         for (tool, option, file) in [

@@ -131,7 +131,7 @@ pub(super) fn jobs() -> Result<Verdict> {
 
 /// Has a browser run jobs in the page.
 pub(super) fn page() -> Result<Verdict> {
-    browser::look(SCRIPT, "web-page", |folder, node| {
+    browser::run_script(SCRIPT, "web-page", |folder, node| {
         let index = made(folder)?;
         let examples = cargo::root().join("examples");
         let [program, settings] = ["plate.nc", "mill.settings"].map(|name| examples.join(name));

@@ -350,8 +350,8 @@ impl Played {
         }
         if !is_timed {
             let end = exchange.end.as_ref();
-            let rests = end.is_some_and(|end| end.idle == Some(true));
-            player.wait_for_standstill(if rests { REST_S } else { END_S });
+            let stands_still = end.is_some_and(|end| end.idle == Some(true));
+            player.wait_for_standstill(if stands_still { REST_S } else { END_S });
         }
         Ok(Self {
             boot: boot.into_iter().map(|(_, text)| text).collect(),

@@ -401,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn ways_beside_a_square_meet_in_its_corners_or_go_around_them() {
+    fn offset_paths_of_a_square_meet_in_its_corners_or_go_around_them() {
         let corners = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]];
         let contour: Vec<_> = corners
             .windows(2)

@@ -545,7 +545,7 @@ impl Bench {
             let edge = self.simulator.advance(next.max(now));
             self.note_reset();
             if let Some(edge) = edge {
-                self.look_at(&edge);
+                self.check_edge(&edge);
                 continue;
             }
             // Nothing is stored in motion.
@@ -569,7 +569,7 @@ impl Bench {
             .or_else(|| self.can_send().then(|| self.line.pop_front()).flatten())
     }
 
-    fn look_at(&mut self, edge: &Edge) {
+    fn check_edge(&mut self, edge: &Edge) {
         let counted = match self.fault {
             Some(Fault::StepLost) if edge.is_rapid => edge.raise & !0b10,
             _ => edge.raise,

@@ -20,7 +20,7 @@ use std::{
 
 use crate::boards::{
     Board,
-    compile::{self, copy_beside, place, replace},
+    compile::{self, copy_next_to, place, replace},
 };
 use anyhow::{Context, Result};
 use common::{BAUD, text::separated, tools, ui};
@@ -51,7 +51,7 @@ fn proven_if_possible(board: &Board, options: &[&str], suffix: &str) -> Result<P
 fn prove_with(board: &Board, options: &[&str], suffix: &str) -> Result<(PathBuf, Result<()>)> {
     let mut image = compile::image(board, options)?;
     let elf = place(board, suffix);
-    let copy = copy_beside(&elf, &image)?;
+    let copy = copy_next_to(&elf, &image)?;
     let proof = prove(&copy, board).and_then(|hz| image::write(&mut image, hz));
     fs::remove_file(&copy).with_context(|| format!("cannot remove {}", copy.display()))?;
     replace(&elf, &image)?;

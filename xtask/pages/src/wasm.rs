@@ -34,7 +34,7 @@ fn note_panic(info: &PanicHookInfo<'_>) {
 }
 
 /// Returns 0, or 1 with a note of what went wrong.
-fn told(result: anyhow::Result<()>) -> u32 {
+fn report(result: anyhow::Result<()>) -> u32 {
     let Err(error) = result else { return 0 };
     note(&format!("{error:#}"));
     1
@@ -53,7 +53,7 @@ pub(crate) extern "C" fn room(which: u32, bytes: u32) -> *mut u8 {
 /// probe plate if `switches` is not 0. Returns 1 where it is refused.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn begin(step_rate_hz: u32, switches: u32) -> u32 {
-    told(RUN.with_borrow_mut(|run| run.begin(step_rate_hz, switches != 0)))
+    report(RUN.with_borrow_mut(|run| run.begin(step_rate_hz, switches != 0)))
 }
 
 /// Goes on for at most so many changes of the machine. Returns 1 at the end.
@@ -77,7 +77,7 @@ pub(crate) extern "C" fn seconds() -> f64 {
 /// Makes summary and page. Returns 1 where there is none.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn finish() -> u32 {
-    told(RUN.with_borrow_mut(Run::finish))
+    report(RUN.with_borrow_mut(Run::finish))
 }
 
 /// Returns where a text is: 0 what went wrong, 1 the summary in JSON, 2 the page.

@@ -355,7 +355,7 @@ fn any_machine_is_shown_by_its_reports_until_it_goes() {
 }
 
 #[test]
-fn what_is_no_grbl_is_told() {
+fn what_is_no_grbl_is_reported() {
     let busy = b"[MSG:In use by process 7 (bCNC)]\r\n";
     for (answer, said) in [
         (&b""[..], "has not answered as Grbl does"),
@@ -406,7 +406,7 @@ fn a_port_has_one_monitor_and_may_be_unplugged() {
 }
 
 #[test]
-fn what_cannot_be_had_is_told_at_once() {
+fn what_cannot_be_had_is_reported_at_once() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let taken = listener.local_addr().unwrap().to_string();
     let (address, _switch) = machine(REPORT);

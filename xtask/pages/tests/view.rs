@@ -52,7 +52,7 @@ fn the_page_goes_where_it_is_asked_for() {
 }
 
 #[test]
-fn refused_lines_and_alarms_are_told_by_the_status_and_have_a_page() {
+fn refused_lines_and_alarms_are_reported_by_the_status_and_have_a_page() {
     for program in ["G0X1\nG999\n", "$X\nG38.2Z-1F100\n"] {
         let folder = folder(program);
         let output = view(folder.path(), &["-o", "page.html"]);
@@ -82,7 +82,7 @@ fn what_is_wrong_leaves_no_page() {
 }
 
 #[test]
-fn ctrl_c_leaves_nothing_behind() {
+fn ctrl_c_removes_every_temporary_file() {
     for named in [true, false] {
         let folder = tempfile::tempdir().expect("a folder can be made");
         let options: &[&str] = if named { &["-o", "page.html"] } else { &[] };

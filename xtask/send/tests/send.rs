@@ -4,7 +4,7 @@ mod support;
 
 use std::fs;
 
-use support::{Cable, Sending, Simulator, cut::CutPath, path};
+use support::{Cable, Sending, Simulator, machined::MachinedPath, path};
 use tempfile::{TempDir, tempdir};
 
 /// Quick enough that no test lasts. What a key is to find in motion moves for many seconds: the machine has no other
@@ -160,7 +160,10 @@ fn disturb(waits: bool) {
 
     let done = trace(&steps);
     assert_eq!(done.last(), expected.last());
-    let (expected, done) = (CutPath::of(&expected, SURFACE), CutPath::of(&done, SURFACE));
+    let (expected, done) = (
+        MachinedPath::of(&expected, SURFACE),
+        MachinedPath::of(&done, SURFACE),
+    );
     assert!(expected.len() > 1000, "{}", expected.len());
     let missing = expected.beyond(&done);
     assert!(missing.is_empty(), "{missing:?} were not cut: {said}");

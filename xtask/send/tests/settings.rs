@@ -220,7 +220,7 @@ fn a_serial_device_works_as_a_tcp_port_does() {
 }
 
 #[test]
-fn who_does_not_answer_is_told() {
+fn who_does_not_answer_is_reported() {
     let folder = tempdir().unwrap();
     let file = file(&folder, "mill.txt", "$130=123\n");
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -250,7 +250,7 @@ fn until(stream: &mut TcpStream, send: &str, heard: &str) {
 }
 
 #[test]
-fn a_machine_in_alarm_or_in_motion_is_told() {
+fn a_machine_in_alarm_or_in_motion_is_reported() {
     let folder = tempdir().unwrap();
     let file = file(&folder, "mill.txt", "$130=123\n");
     let fast = [
@@ -330,7 +330,7 @@ fn grbl(line: &str) -> &'static str {
 }
 
 #[test]
-fn what_another_machine_refuses_or_forgets_is_told() {
+fn what_another_machine_refuses_or_forgets_is_reported() {
     let folder = tempdir().unwrap();
     let address = other_machine(IDLE, |line| Some(grbl(line)));
     let file = file(&folder, "mill.txt", "$0=2\n$1=50\n$41=1\n");
@@ -350,7 +350,7 @@ fn what_another_machine_refuses_or_forgets_is_told() {
 }
 
 #[test]
-fn a_conversation_that_breaks_off_is_told_and_no_file_is_written() {
+fn a_conversation_that_breaks_off_is_reported_and_no_file_is_written() {
     const HELD: &str = "<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>\r\n";
     let folder = tempdir().unwrap();
     let saved = path(&folder, "saved.txt");

@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_second_holder_is_told_of_the_first() {
+    fn a_second_holder_learns_of_the_first() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("tty");
         let lock = Lock::of(&path).unwrap();

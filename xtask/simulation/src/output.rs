@@ -58,11 +58,11 @@ impl Output {
         let folder = path
             .parent()
             .filter(|folder| !folder.as_os_str().is_empty());
-        let mut beside = OsString::from(".");
-        beside.push(name);
-        beside.push(".");
+        let mut prefix = OsString::from(".");
+        prefix.push(name);
+        prefix.push(".");
         let file = tempfile::Builder::new()
-            .prefix(&beside)
+            .prefix(&prefix)
             .suffix(".partial")
             .permissions(Permissions::from_mode(0o666))
             .tempfile_in(folder.unwrap_or(Path::new(".")))

@@ -144,14 +144,14 @@ impl ProgramReader {
             compensator.release();
             release(compensator);
         }
-        let is_beside = is_compensated || checked.stays_beside_path();
+        let is_on_offset_path = is_compensated || checked.stays_beside_path();
         if is_compensated {
             for command in commands.drain(..) {
                 compensator.push(&command, checked.path_control());
                 release(compensator);
             }
         }
-        if checked.ends_program() && is_beside {
+        if checked.ends_program() && is_on_offset_path {
             self.interpreter.set_position(compensator.end());
         }
         released.append(&mut commands);
@@ -162,8 +162,8 @@ impl ProgramReader {
     fn check_jog(&mut self, line: &[u8]) -> Result<Checked, LineError> {
         let interpreter = &mut self.interpreter;
         if interpreter.is_beside_path() && !interpreter.is_compensating() {
-            let cutter = self.compensator.end();
-            interpreter.check_jog_beside_path(line, &self.settings, cutter, |_| false)
+            let tool = self.compensator.end();
+            interpreter.check_jog_beside_path(line, &self.settings, tool, |_| false)
         } else {
             interpreter.check_jog(line, &self.settings)
         }

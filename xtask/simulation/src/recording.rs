@@ -15,8 +15,8 @@ use leadscrew::{
 use crate::{
     columns::{ColumnWriter, varint},
     curves::Curves,
+    drilled_holes,
     figures::Figures,
-    holes,
     job::{Axis, HoleMark, Job, PathInfo, PlaceMark, Refused, SettingRow, Times},
     merge::Merger,
     playing::{self, Recorder},
@@ -241,7 +241,7 @@ impl MarkRecorder {
         let modal = interpreter.modal();
         let mut marks = Marks::default();
         if let MotionMode::Cycle(cycle) = modal.motion {
-            let found = holes::holes_of_line(interpreter, cycle, from, &commands);
+            let found = drilled_holes::holes_of_line(interpreter, cycle, from, &commands);
             let named = found.into_iter().map(|hole| HoleMark {
                 line: self.lines,
                 name: format!("G{}", hole.cycle as u8),

@@ -123,12 +123,12 @@ fn all(file: Option<&Path>, mut reasons: Vec<(Option<usize>, &String)>) -> Error
         Some(line) => format!("line {line}: {reason}"),
         None => (*reason).clone(),
     };
-    let told: Vec<_> = reasons.iter().map(tell).collect();
+    let reports: Vec<_> = reasons.iter().map(tell).collect();
     let title = match (file, &reasons[..]) {
         (None, [(_, reason)]) | (_, [(None, reason)]) => return anyhow!("{reason}"),
         (Some(path), [_]) => format!("{}: a line is refused", path.display()),
         (Some(path), all) => format!("{}: {} lines are refused", path.display(), all.len()),
         (None, all) => format!("{} settings are refused", all.len()),
     };
-    anyhow!(told.join("\n")).context(title)
+    anyhow!(reports.join("\n")).context(title)
 }

@@ -86,9 +86,9 @@ impl<'a> Judge<'a> {
                 }
             };
             let text_of = |index: usize| theirs.get(index).map_or("", |heard| heard.text.as_str());
-            let apart = self.apart(step);
+            let divergence = self.divergence(step);
             let by_design = by_design
-                .or(apart.map(|(deviation, _)| deviation))
+                .or(divergence.map(|(deviation, _)| deviation))
                 .or_else(|| match pair {
                     Pair::Changed(i, j) | Pair::Both(i, j) if diverged.is_some() => {
                         is_consequence(&ours[i].text, text_of(j)).then_some(Deviation::Follows)
@@ -104,7 +104,7 @@ impl<'a> Judge<'a> {
             if diverged.is_none()
                 && by_design.is_some_and(|deviation| deviation.row().has_consequences)
             {
-                diverged = Some(apart.map_or(step, |(_, since)| since));
+                diverged = Some(divergence.map_or(step, |(_, since)| since));
             }
             let name = self.exchange.step_name(step);
             found.push(Difference {
@@ -117,7 +117,7 @@ impl<'a> Judge<'a> {
     }
 
     /// What makes Grbl do something else in a step altogether, and since which step.
-    fn apart(&self, step: usize) -> Option<(Deviation, usize)> {
+    fn divergence(&self, step: usize) -> Option<(Deviation, usize)> {
         if self.loses_bytes(step) {
             return Some((Deviation::LostBytes, step));
         }
@@ -263,8 +263,8 @@ impl<'a> Judge<'a> {
         if their_ok && our.is_error(LineError::StepRateTooHigh) {
             return Some(Deviation::StepRates);
         }
-        let was_cut = their_ok || their.is_error(LineError::StepPulseTooShort);
-        if was_cut && is_setting_out_of_range(&line) {
+        let was_limited = their_ok || their.is_error(LineError::StepPulseTooShort);
+        if was_limited && is_setting_out_of_range(&line) {
             let refused = [LineError::NegativeValue, LineError::SettingOutOfRange];
             let is_refused = refused.into_iter().any(|error| our.is_error(error));
             return is_refused.then_some(Deviation::SettingRanges);
@@ -274,10 +274,10 @@ impl<'a> Judge<'a> {
         if our.text.starts_with('$') && same_setting(&our.text) == same_setting(&their.text) {
             let name = same_setting(&our.text)?;
             let before = (0..their.step).map(|step| self.line_of(step));
-            let was_cut = before
+            let was_limited = before
                 .filter(|line| line.starts_with(&format!("{name}=")))
                 .any(|line| is_setting_out_of_range(&line));
-            return was_cut.then_some(Deviation::SettingRanges);
+            return was_limited.then_some(Deviation::SettingRanges);
         }
         None
     }

@@ -112,10 +112,10 @@ impl Paired {
             return false;
         };
         let samples = played.track.between(self.own_s - SAME_S, self.own_s);
-        let rests = samples
+        let stands_still = samples
             .windows(2)
             .all(|pair| pair[0].steps == pair[1].steps);
-        rests
+        stands_still
             && theirs.feed_mm_min() == 0.0
             && displacement(&ours, &theirs)
                 .is_some_and(|by| by.iter().all(|part| part.abs() <= ours.rounding_mm() * 2.0))

@@ -85,7 +85,7 @@ impl Reader<'_> {
     }
 
     /// Whether nothing moves, for either.
-    pub(super) fn rests(&self) -> bool {
+    pub(super) fn stands_still(&self) -> bool {
         let samples = self.samples(SAME_S);
         self.theirs.feed_mm_min() == 0.0
             && samples
@@ -142,12 +142,12 @@ impl Reader<'_> {
             .fold(0.0_f64, |most, scale| most.max(1.0 / scale));
         if farthest <= rounding {
             match (self.ours.field("MPos"), self.theirs.field("MPos")) {
-                (Some(a), Some(b)) if self.rests() && a != b => {
+                (Some(a), Some(b)) if self.stands_still() && a != b => {
                     Finding::excused_if(is_tie(a, b, &self.exact()), Deviation::Rounding)
                 }
                 _ => Finding::Same,
             }
-        } else if self.rests() {
+        } else if self.stands_still() {
             let is_stop = self.stops.explain(self.pair.own_s, &by, step_mm);
             if !is_stop && self.exchange.has_failed_homing(self.pair.step) {
                 return Finding::Excused(Deviation::HomingMotion);

@@ -129,7 +129,7 @@ impl Comparison<'_> {
                 Finding::Differs => found.push((text(), None)),
             }
         }
-        if reader.rests() && !self.stands_as_before(&reader) {
+        if reader.stands_still() && !self.stands_as_before(&reader) {
             found.push(("the axes have moved while they stood".into(), None));
         }
         found

@@ -195,9 +195,9 @@ fn a_hold_may_act_sooner_but_not_anywhere() {
     assert!(is_excused(&held_later(160)));
     assert!(!is_excused(&held_later(800)));
     // Beside the path.
-    let mut beside = held_later(160);
-    beside["final"]["mpos_steps"][1] = json!(40);
-    assert!(!is_excused(&beside), "{:?}", differences(&beside));
+    let mut off_path = held_later(160);
+    off_path["final"]["mpos_steps"][1] = json!(40);
+    assert!(!is_excused(&off_path), "{:?}", differences(&off_path));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The simulator, the sender, and a cable between them that can be unplugged.
 
-pub(crate) mod cut;
+pub(crate) mod machined;
 
 use std::{
     fs::{File, OpenOptions},
@@ -236,10 +236,10 @@ fn carry(near: &Pty, far: &File, end: &UnixStream) {
         }
         if ready[1] {
             let length = (&mut &*far).read(&mut bytes).unwrap();
-            let mut rest = &bytes[..length];
-            while !rest.is_empty() {
-                let written = rustix::io::write(near.controller(), rest).unwrap_or_default();
-                rest = &rest[written..];
+            let mut remainder = &bytes[..length];
+            while !remainder.is_empty() {
+                let written = rustix::io::write(near.controller(), remainder).unwrap_or_default();
+                remainder = &remainder[written..];
             }
         }
     }

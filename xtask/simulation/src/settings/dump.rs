@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn every_way_to_end_a_line_counts_one() {
+    fn every_line_ending_counts_one_line() {
         let dump = Dump::read("\u{feff}$0=10\r\n\r\n$1=25\r$2=0\nspeed\n");
         let lines: Vec<_> = dump.entries.iter().map(|entry| entry.line).collect();
         assert_eq!(lines, [Some(1), Some(3), Some(4)]);
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mistake_is_told_with_its_line() {
+    fn a_mistake_is_reported_with_its_line() {
         for (text, reason) in [
             ("$11O=5", "there is no setting $11O"),
             ("$=5", "there is no setting $"),

@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn cut_and_joined_lines_are_no_positions() {
+    fn truncated_and_joined_lines_are_no_positions() {
         let mut track = Track::default();
         for line in [
             "X:4X:45,Y:22",

@@ -276,19 +276,19 @@ impl Meter {
             for passed in followed.passed {
                 self.pass(passed, seconds);
             }
-            if followed.is_beside {
-                self.path.cut();
-                self.corners.cut();
+            if followed.is_off_path {
+                self.path.interrupt();
+                self.corners.interrupt();
             } else if let Some(progress) = followed.progress {
                 self.progress(&progress, seconds, grain_s);
             }
             for axis in (0..AXES).filter(|axis| signs[*axis] != 0) {
                 let step = (axis, signs[axis]);
-                self.path.step(step, seconds, followed.ways[axis]);
+                self.path.step(step, seconds, followed.distances_mm[axis]);
             }
         } else {
-            self.path.cut();
-            self.corners.cut();
+            self.path.interrupt();
+            self.corners.interrupt();
         }
         let here = array::from_fn(|n| f64::from(self.steps[n]) / self.motor_scales.steps_per_mm[n]);
         self.corners.place(seconds, here);
@@ -332,7 +332,7 @@ impl Meter {
             }
         }
         if passed.corner.is_stop || passed.corner.is_regeared {
-            self.path.cut();
+            self.path.interrupt();
         }
         self.corners.pass(passed, seconds);
     }
@@ -344,7 +344,7 @@ impl Meter {
         self.path_mm = progress.mm;
         // Two axes say it differently where the steps are a little beside the path.
         if self.path_axis.replace(progress.axis) != Some(progress.axis) {
-            self.path.cut();
+            self.path.interrupt();
         }
         let crossing = Crossing {
             seconds,

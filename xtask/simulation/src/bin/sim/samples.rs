@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_beside_a_faster_one_keeps_its_slow_speed() {
+    fn an_axis_that_moves_with_a_faster_one_keeps_its_slow_speed() {
         let mut samples = samples(1.0);
         let mut steps = [0; AXES];
         for event in 1..20_000_u64 {
@@ -445,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn rapids_and_power_are_told_apart() {
+    fn rapids_and_power_are_distinguished() {
         let mut samples = samples(1.0);
         for step in 0..200_u64 {
             samples.push(&Row {

@@ -140,7 +140,7 @@ fn a_program_that_homes_probes_and_sets_runs_amid_switches() {
 }
 
 #[test]
-fn homing_squares_a_skewed_gantry_and_both_sides_are_told() {
+fn homing_squares_a_skewed_gantry_and_both_sides_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let homes = [
         "--switches",
@@ -244,7 +244,7 @@ fn a_flash_keeps_what_is_set_and_what_a_program_stores() {
 }
 
 #[test]
-fn positions_are_told_in_the_settings_of_the_end() {
+fn positions_are_reported_in_the_settings_of_the_end() {
     let folder = tempfile::tempdir().unwrap();
     let changed = figures(folder.path(), "$100=80\nG1 X2 F600\n", &[]);
     assert_eq!(changed["final"]["mpos_mm"][0], 2.0);

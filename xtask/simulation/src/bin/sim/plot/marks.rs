@@ -6,7 +6,7 @@ use std::collections::HashSet;
 use leadscrew::model::Plane;
 use plotters::prelude::*;
 use simulation::chart::{Area, Chart, Drawn, PX, font, stroke};
-use simulation::holes::{Hole, Holes};
+use simulation::drilled_holes::{Hole, Holes};
 
 use crate::{contour::Stretch, marks::Marks};
 
@@ -58,7 +58,12 @@ pub(super) fn legend(marks: &Marks) -> Vec<(Key, String)> {
         .collect();
     if !marks.contour.programmed.is_empty() {
         legend.push((Key::Contour, "programmed contour (G41, G42)".into()));
-        let mut diameters: Vec<_> = marks.contour.cut.iter().map(|cut| cut.diameter).collect();
+        let mut diameters: Vec<_> = marks
+            .contour
+            .removed
+            .iter()
+            .map(|removed| removed.diameter)
+            .collect();
         diameters.dedup();
         let names: Vec<_> = diameters.iter().take(4).map(ToString::to_string).collect();
         let text = format!("cut there by a tool of {} mm", names.join(", "));
@@ -68,14 +73,14 @@ pub(super) fn legend(marks: &Marks) -> Vec<(Key, String)> {
 }
 
 /// Draws what lies below the path: what is cut under compensation, as wide as the tool.
-pub(super) fn draw_cut(chart: &mut Chart, marks: &Marks, axes: [usize; 2]) -> Drawn<()> {
+pub(super) fn draw_removed(chart: &mut Chart, marks: &Marks, axes: [usize; 2]) -> Drawn<()> {
     let (width, _) = chart.plotting_area().dim_in_pixel();
     let range = chart.x_range();
     let units_per_mm = f64::from(width) / (range.end - range.start);
-    for cut in in_plane(&marks.contour.cut, axes) {
-        let width = (cut.diameter * units_per_mm).round() as u32;
+    for removed in in_plane(&marks.contour.removed, axes) {
+        let width = (removed.diameter * units_per_mm).round() as u32;
         chart.draw_series([PathElement::new(
-            places(cut, axes),
+            places(removed, axes),
             CUT_COLOUR.stroke_width(width),
         )])?;
     }
