@@ -363,7 +363,7 @@ fn an_override_that_comes_with_a_segment_due_brakes_within_the_limits() {
             rig.trace.push(edge, 0);
         }
         rig.receive(Override::FeedLess as u8);
-        rig.run_to_rest();
+        rig.run_to_standstill();
         check_limits(&settings, &rig.trace);
         assert_eq!(rig.trace.net_steps(), rig.snapshot().steps);
     }

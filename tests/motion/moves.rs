@@ -167,7 +167,7 @@ fn a_move_that_comes_before_a_standstill_is_over_begins_with_a_start() {
         rig.run_to(until_ms * u64::from(TICKS_PER_MS));
     }
     assert!(!rig.snapshot().is_at_rest);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(rig.trace.starts.len(), 2);
     assert_eq!(rig.snapshot().steps.0[0], 640);
     rig.trace.check_pulses();

@@ -71,14 +71,14 @@ fn check_smooth(segments: &[Begin], ramp_s: f32) -> Result<(), TestCaseError> {
 
 fn check_mean(segments: &[Begin], mean: u32, saved: u32) -> Result<(), TestCaseError> {
     let most = saved * mean;
-    let mut spare = most;
+    let mut slack = most;
     for pair in segments.windows(2) {
         let ticks = pair[1].ticks.wrapping_sub(pair[0].ticks);
         prop_assert!(ticks <= LONGEST_TICKS, "{ticks} at {}", pair[0].ticks);
         // Rounded to ticks.
-        spare = (spare + ticks + 1).min(most);
-        prop_assert!(spare >= mean, "at {} of {segments:?}", pair[0].ticks);
-        spare -= mean;
+        slack = (slack + ticks + 1).min(most);
+        prop_assert!(slack >= mean, "at {} of {segments:?}", pair[0].ticks);
+        slack -= mean;
     }
     Ok(())
 }

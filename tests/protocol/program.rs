@@ -228,7 +228,7 @@ fn another_laser_mode_switches_the_spindle_off() {
     ] {
         execute(&mut machine, before);
         execute(&mut machine, change);
-        machine.run_to_rest();
+        machine.run_to_standstill();
         let outputs = machine.outputs();
         let is_off = (outputs.spindle, outputs.duty) == (Spindle::Off, 0);
         // In laser mode `M3` is dark up to the first feed move.

@@ -51,7 +51,7 @@ fn m114_tells_of_the_last_line_while_the_machine_still_moves() {
     let answers = machine.lines();
     assert_eq!(answers.len(), 3, "{answers:?}");
     assert!(answers[1].starts_with("X:10.000 Y:0.000 Z:0.000 E:0.000 Count X:0 "));
-    machine.run_to_rest();
+    machine.run_to_standstill();
     // M400 ends with the motion.
     assert_eq!(machine.lines(), ["ok"]);
     assert_eq!(xy(&machine), [10 * STEPS_PER_MM, 0]);

@@ -63,7 +63,7 @@ fn m410_stops_and_keeps_the_position_and_the_lines_behind_it() {
     let mut machine = reprap();
     machine.send_for(b"M3 S100\nG91\nG90\nG1 X50 F600\nG1 Y50\n", 300);
     machine.send(b"M410\nG1 X1 Y1\n");
-    machine.run_to_rest();
+    machine.run_to_standstill();
     machine.run(100);
     let answers = machine.lines();
     assert_eq!(answers, ["ok"; 7], "{answers:?}");
@@ -83,7 +83,7 @@ fn an_emergency_that_is_refused_for_its_words_is_answered_once() {
     ] {
         let mut machine = reprap();
         machine.send(format!("{line}\n"));
-        machine.run_to_rest();
+        machine.run_to_standstill();
         machine.run(100);
         let answers = machine.lines();
         let oks = answers.iter().filter(|answer| answer.starts_with("ok"));
@@ -101,7 +101,7 @@ fn an_emergency_whose_line_comes_in_two_pieces_is_answered_once() {
         let mut machine = reprap();
         let comment = format!(";{}\n", "-".repeat(254 - missing));
         machine.send(format!("{comment}{line}G1 X1 F6000\n"));
-        machine.run_to_rest();
+        machine.run_to_standstill();
         machine.run(100);
         assert_eq!(machine.lines(), ["ok", "ok"], "{missing}");
         assert_eq!(xy(&machine)[0], STEPS_PER_MM, "{missing}");
@@ -135,14 +135,14 @@ fn realtime_bytes_count_only_after_a_line_end_or_silence() {
     assert_eq!(machine.state(), State::HoldComplete);
     machine.send_for(b"??~", 20);
     assert_eq!(machine.state(), State::Run);
-    machine.run_to_rest();
+    machine.run_to_standstill();
     machine.lines();
     // In a line that is not finished, after silence: the line is as it was.
     machine.send_for(b"G1 X", 90);
     machine.send_for(b"!", 30);
     assert_eq!(machine.state(), State::Idle);
     machine.send(b"\n");
-    machine.run_to_rest();
+    machine.run_to_standstill();
     assert_eq!(
         machine.lines()[0],
         "Error:a word must begin with a letter (error:1)"
@@ -280,7 +280,7 @@ fn realtime_bytes_take_no_room_from_lines() {
         machine.send(format!("G1 Y{y}\n"));
     }
     assert_eq!(machine.lost(), 0);
-    machine.run_to_rest();
+    machine.run_to_standstill();
     assert_eq!(xy(&machine), [0, 69 * STEPS_PER_MM]);
     let lines = machine.lines();
     assert_eq!(lines.iter().filter(|line| *line == "ok").count(), 70);

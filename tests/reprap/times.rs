@@ -49,7 +49,7 @@ fn busy_is_reported_while_a_line_waits_for_its_ok() {
             .count(),
         4
     );
-    machine.run_to_rest();
+    machine.run_to_standstill();
     machine.lines();
     assert_eq!(machine.ask("M113 S0"), ["ok"]);
     machine.send_for(b"G1 X0 F600\nM400\n", 4500);

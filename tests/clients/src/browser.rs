@@ -34,16 +34,16 @@ pub(super) fn run_script(
     node.arg(install::scripts().join(script))
         .current_dir(&folder);
     prepare(&folder, &mut node)?;
-    let said = said(&mut node).with_context(|| format!("see {}", folder.display()))?;
+    let run_output = run_output(&mut node).with_context(|| format!("see {}", folder.display()))?;
     ensure!(
-        said.trim().ends_with(END),
-        "the script comes to no end: {said}"
+        run_output.trim().ends_with(END),
+        "the script comes to no end: {run_output}"
     );
     Ok(Verdict::Passed)
 }
 
 /// Runs a command, and returns what it prints.
-pub(super) fn said(command: &mut Command) -> Result<String> {
+pub(super) fn run_output(command: &mut Command) -> Result<String> {
     let output = command
         .stdin(Stdio::null())
         .output()

@@ -35,10 +35,10 @@ impl Monitor {
             .context("cannot start the monitor")?;
         let messages = process.stderr.take().context("the monitor is mute")?;
         let mut messages = BufReader::new(messages);
-        let mut said = String::new();
-        while !said.contains("http://") {
-            if messages.read_line(&mut said)? == 0 {
-                bail!("the monitor has ended: {}", said.trim());
+        let mut printed = String::new();
+        while !printed.contains("http://") {
+            if messages.read_line(&mut printed)? == 0 {
+                bail!("the monitor has ended: {}", printed.trim());
             }
         }
         Ok(Self { process, messages })
@@ -55,10 +55,10 @@ impl Monitor {
     /// Ends it, and checks that it has gone well until then.
     pub(super) fn end(mut self) -> Result<()> {
         self.interrupt();
-        let mut said = String::new();
-        self.messages.read_to_string(&mut said)?;
+        let mut printed = String::new();
+        self.messages.read_to_string(&mut printed)?;
         let status = self.process.wait()?;
-        ensure!(status.success(), "the monitor: {}", said.trim());
+        ensure!(status.success(), "the monitor: {}", printed.trim());
         Ok(())
     }
 

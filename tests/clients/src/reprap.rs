@@ -6,7 +6,7 @@
 use super::account::{Account, whole_line};
 
 /// Beginnings of what a RepRap machine says besides `ok`.
-const SAID: [&str; 12] = [
+const KNOWN_MESSAGES: [&str; 12] = [
     "Error:",
     "Resend:",
     "echo:",
@@ -66,7 +66,7 @@ impl RepRap {
             }
         } else if text.starts_with('<') {
             self.report = text.into();
-        } else if !text.is_empty() && !SAID.iter().any(|begin| text.starts_with(begin)) {
+        } else if !text.is_empty() && !KNOWN_MESSAGES.iter().any(|begin| text.starts_with(begin)) {
             self.faults
                 .push(format!("nothing that a RepRap machine says: {text:?}"));
         }

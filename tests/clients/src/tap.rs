@@ -61,14 +61,14 @@ impl Passed {
 }
 
 /// What the tap has seen.
-pub(super) struct Seen {
+pub(super) struct Traffic {
     pub(super) account: Box<dyn Account>,
     passed: Vec<Passed>,
 }
 
 /// The two ends of the line; dropping it ends the thread.
 pub(super) struct Tap {
-    seen: Arc<Mutex<Seen>>,
+    seen: Arc<Mutex<Traffic>>,
     is_over: Arc<AtomicBool>,
     thread: Option<JoinHandle<Result<()>>>,
     _link: Link,
@@ -86,7 +86,7 @@ impl Tap {
         let (pty, link) = Pty::at(path)?;
         let flags = rustix::fs::fcntl_getfl(&machine)?;
         rustix::fs::fcntl_setfl(&machine, flags | OFlags::NONBLOCK)?;
-        let seen = Arc::new(Mutex::new(Seen::new(account)));
+        let seen = Arc::new(Mutex::new(Traffic::new(account)));
         let is_over = Arc::new(AtomicBool::new(false));
         let thread = {
             let (seen, is_over) = (seen.clone(), is_over.clone());
@@ -104,7 +104,7 @@ impl Tap {
     }
 
     /// What has passed so far.
-    pub(super) fn seen(&self) -> MutexGuard<'_, Seen> {
+    pub(super) fn seen(&self) -> MutexGuard<'_, Traffic> {
         self.seen.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -125,7 +125,7 @@ impl Drop for Tap {
     }
 }
 
-impl Seen {
+impl Traffic {
     fn new(account: Box<dyn Account>) -> Self {
         Self {
             account,
@@ -180,7 +180,7 @@ impl Seen {
 /// comes before a tenth of a second of silence for a line.
 fn carry(
     (sender, machine): (impl AsFd, impl AsFd),
-    seen: &Mutex<Seen>,
+    seen: &Mutex<Traffic>,
     mut damage: Option<&mut Damage>,
     is_over: &AtomicBool,
 ) -> Result<()> {
@@ -262,7 +262,7 @@ mod tests {
 
     #[test]
     fn the_last_lines_are_reported_with_their_pieces_together() {
-        let mut seen = Seen::new(Box::<Grbl>::default());
+        let mut seen = Traffic::new(Box::<Grbl>::default());
         for (ms, direction, bytes) in [
             (1, Direction::ToMachine, "G0\n"),
             (2, Direction::FromMachine, "o"),

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use common::{cargo, check::Verdict, tools};
 
-use super::browser::{self, said};
+use super::browser::{self, run_output};
 
 /// What looks at the page.
 const SCRIPT: &str = "view_page.js";
@@ -23,7 +23,7 @@ pub(super) fn page() -> Result<Verdict> {
                 .arg(examples.join("mill.settings"))
                 .arg(option)
                 .arg(file);
-            said(&mut command).with_context(|| format!("{} fails", tool.name))?;
+            run_output(&mut command).with_context(|| format!("{} fails", tool.name))?;
         }
         node.arg(page).arg(trace);
         Ok(())

@@ -215,11 +215,11 @@ fn compare_time(run: &Run, figures: &Figures, traits: &Traits, found: &mut Vec<D
 
 /// What `$G`, `$#` and `?` say after the program.
 fn compare_end(run: &Run, played: &Played, found: &mut Vec<Difference>) {
-    let said = &played.said;
+    let answers = &played.answers;
     let recorded = run.final_modes.iter().chain(&run.final_params);
     let recorded: Vec<_> = recorded.chain([&run.final_status]).collect();
-    for index in 0..recorded.len().max(said.len()) {
-        let ours = said.get(index).map_or("nothing", String::as_str);
+    for index in 0..recorded.len().max(answers.len()) {
+        let ours = answers.get(index).map_or("nothing", String::as_str);
         let theirs = recorded.get(index).map_or("nothing", |text| text.as_str());
         if ours == theirs {
             continue;
@@ -306,7 +306,7 @@ mod tests {
     fn compared(figures: &Figures, traits: &Traits) -> Vec<Difference> {
         let played = Played {
             figures: figures.clone(),
-            said: vec!["[GC:G1 T0 F0]".into(), "<Idle>".into()],
+            answers: vec!["[GC:G1 T0 F0]".into(), "<Idle>".into()],
         };
         compare(&recorded(), &played, traits)
     }
@@ -348,11 +348,11 @@ mod tests {
     fn the_end_must_be_the_same_too() {
         let mut played = Played {
             figures: equal(),
-            said: vec!["[GC:G1 T3 F0]".into(), "<Idle>".into()],
+            answers: vec!["[GC:G1 T3 F0]".into(), "<Idle>".into()],
         };
         let found = compare(&recorded(), &played, &lines());
         assert_eq!(found[0].by_design, Some(Deviation::ToolIsModal));
-        played.said[1] = "<Alarm>".into();
+        played.answers[1] = "<Alarm>".into();
         let found = compare(&recorded(), &played, &lines());
         assert_eq!(Verdict::of(&found), Verdict::Differs);
     }

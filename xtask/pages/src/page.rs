@@ -84,8 +84,8 @@ pub fn served(title: &str, policy: &str, above: &str, style: &str, script: &str)
 pub fn filled(frame: &str, parts: &[(&str, String)]) -> String {
     let mut page = String::new();
     let mut remainder = frame;
-    while let Some((before, behind)) = remainder.split_once("{{") {
-        let (name, after) = behind.split_once("}}").expect("each name ends");
+    while let Some((before, after_open)) = remainder.split_once("{{") {
+        let (name, after) = after_open.split_once("}}").expect("each name ends");
         let part = parts.iter().find(|(part, _)| *part == name);
         page += before;
         page += &part.expect("each name has a part").1;

@@ -92,10 +92,10 @@ pub(crate) extern "C" fn length(which: u32) -> u32 {
     with_text(which, |text| text.len() as u32)
 }
 
-fn with_text<T>(which: u32, look: impl Fn(&[u8]) -> T) -> T {
+fn with_text<T>(which: u32, read: impl Fn(&[u8]) -> T) -> T {
     assert!(which < TEXTS, "there is no text {which}");
     match which {
-        0 => FAILURE.with_borrow(|failure| look(failure)),
-        which => RUN.with_borrow(|run| look(run.outcome(which as usize - 1))),
+        0 => FAILURE.with_borrow(|failure| read(failure)),
+        which => RUN.with_borrow(|run| read(run.outcome(which as usize - 1))),
     }
 }

@@ -30,7 +30,7 @@ fn view(folder: &Path, arguments: &[&str]) -> Output {
         .expect("it starts")
 }
 
-fn said(output: &Output) -> String {
+fn printed(output: &Output) -> String {
     let both = [&output.stdout, &output.stderr];
     both.map(|text| String::from_utf8_lossy(text)).concat()
 }
@@ -40,7 +40,7 @@ fn the_page_goes_where_it_is_asked_for() {
     let folder = folder("G0X1\nG1X5F100\n");
     let output = view(folder.path(), &["--set", "$110=700", "-o", "page.html"]);
     assert!(output.status.success(), "{output:?}");
-    let text = said(&output);
+    let text = printed(&output);
     assert!(
         text.contains("page.html") && text.contains("cutting"),
         "{text}"
@@ -74,7 +74,7 @@ fn what_is_wrong_leaves_no_page() {
     ] {
         let output = view(folder.path(), arguments);
         assert!(
-            !output.status.success() && said(&output).contains(reason),
+            !output.status.success() && printed(&output).contains(reason),
             "{output:?}"
         );
         assert!(!folder.path().join("page.html").exists());
@@ -125,7 +125,7 @@ fn the_browser_gets_a_page_that_has_no_name() {
     assert!(made.success());
     let output = view(folder.path(), &[]);
     assert!(
-        output.status.success() && said(&output).contains("Opening"),
+        output.status.success() && printed(&output).contains("Opening"),
         "{output:?}"
     );
     let opened = fs::read_to_string(&pipe).expect("the browser tells");
@@ -136,7 +136,7 @@ fn the_browser_gets_a_page_that_has_no_name() {
     );
     fs::remove_dir_all(page.parent().expect("it lies in a folder")).expect("the folder is ours");
     let quiet = view(folder.path(), &["--no-open"]);
-    let text = said(&quiet);
+    let text = printed(&quiet);
     assert!(
         quiet.status.success() && !text.contains("Opening"),
         "{text}"

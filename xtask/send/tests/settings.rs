@@ -97,16 +97,16 @@ fn settings(arguments: &[&str]) -> (bool, String, String) {
 
 /// A command that succeeds: what it prints.
 fn done(arguments: &[&str]) -> String {
-    let (is_success, printed, said) = settings(arguments);
-    assert!(is_success, "{said}");
+    let (is_success, printed, messages) = settings(arguments);
+    assert!(is_success, "{messages}");
     printed
 }
 
 /// A command that fails: what it says.
 fn failed(arguments: &[&str]) -> String {
-    let (is_success, _, said) = settings(arguments);
-    assert!(!is_success, "{said}");
-    said
+    let (is_success, _, messages) = settings(arguments);
+    assert!(!is_success, "{messages}");
+    messages
 }
 
 const CHANGED: &str =
@@ -119,8 +119,11 @@ fn settings_are_loaded_in_an_order_that_works_and_compared_and_saved() {
     let at = ["--tcp", &address];
     let file = file(&folder, "mill.txt", CHANGED);
 
-    let (is_equal, printed, said) = settings(&[&at[..], &["--diff", &file]].concat());
-    assert!(!is_equal && said.contains("left out 1 setting"), "{said}");
+    let (is_equal, printed, messages) = settings(&[&at[..], &["--diff", &file]].concat());
+    assert!(
+        !is_equal && messages.contains("left out 1 setting"),
+        "{messages}"
+    );
     let rows: Vec<_> = printed.lines().collect();
     assert_eq!(rows.len(), 5, "{printed}");
     assert_eq!(rows[4], "$110  largest speed of X  20000.000  500.000");
@@ -147,8 +150,8 @@ fn settings_are_loaded_in_an_order_that_works_and_compared_and_saved() {
     assert!(!Path::new(&path(&folder, "saved.txt.new")).exists());
     for file in [&file, &saved] {
         assert_eq!(done(&[&at[..], &["--diff", file]].concat()), "");
-        let (_, _, said) = settings(&[&at[..], &["--load", file]].concat());
-        assert!(said.contains("Equal"), "{said}");
+        let (_, _, messages) = settings(&[&at[..], &["--load", file]].concat());
+        assert!(messages.contains("Equal"), "{messages}");
     }
 }
 
@@ -161,21 +164,21 @@ fn a_file_that_is_refused_changes_nothing() {
         "wrong.txt",
         "$1=255\n$20=1\n$110=20000\n$111=6,5\n",
     );
-    let said = failed(&["--tcp", &address, "--load", &file]);
+    let messages = failed(&["--tcp", &address, "--load", &file]);
     for part in [
         "3 lines are refused",
         "line 2: $20=1: ",
         "line 3: $110=20000: 83 333",
         "line 4: ",
     ] {
-        assert!(said.contains(part), "{said}");
+        assert!(messages.contains(part), "{messages}");
     }
     let saved = path(&folder, "saved.txt");
     done(&["--tcp", &address, "--save", &saved]);
     assert!(fs::read_to_string(&saved).unwrap().contains("\n$1=25\n"));
     // And a file that cannot be written is an error, with what was there as it was.
-    let said = failed(&["--tcp", &address, "--save", &path(&folder, "no/saved.txt")]);
-    assert!(said.contains("cannot write"), "{said}");
+    let messages = failed(&["--tcp", &address, "--save", &path(&folder, "no/saved.txt")]);
+    assert!(messages.contains("cannot write"), "{messages}");
 }
 
 #[test]
@@ -196,26 +199,29 @@ fn a_serial_device_works_as_a_tcp_port_does() {
     {
         thread::yield_now();
     }
-    let said = failed(&["--port", &terminal, "--diff", &file]);
-    assert!(said.contains("is open in another program"), "{said}");
+    let messages = failed(&["--port", &terminal, "--diff", &file]);
+    assert!(
+        messages.contains("is open in another program"),
+        "{messages}"
+    );
     if cfg!(target_os = "linux") {
-        let said = failed(&["--port", &device, "--diff", &file]);
-        assert!(said.contains("is in use by process"), "{said}");
+        let messages = failed(&["--port", &device, "--diff", &file]);
+        assert!(messages.contains("is in use by process"), "{messages}");
     }
     drop(other);
     // A process that another test starts may hold the terminal a little longer.
-    let (is_equal, printed, said) = loop {
-        let said = settings(&["--port", &device, "--diff", &file]);
-        if !said.2.contains("is in use by process") {
-            break said;
+    let (is_equal, printed, messages) = loop {
+        let outcome = settings(&["--port", &device, "--diff", &file]);
+        if !outcome.2.contains("is in use by process") {
+            break outcome;
         }
     };
-    assert!(is_equal && printed.is_empty(), "{printed}{said}");
+    assert!(is_equal && printed.is_empty(), "{printed}{messages}");
 
-    let said = failed(&["--port", &path(&folder, "none"), "--diff", &file]);
+    let messages = failed(&["--port", &path(&folder, "none"), "--diff", &file]);
     assert!(
-        said.contains("there is no ") && said.contains("serial port"),
-        "{said}"
+        messages.contains("there is no ") && messages.contains("serial port"),
+        "{messages}"
     );
 }
 
@@ -225,11 +231,14 @@ fn who_does_not_answer_is_reported() {
     let file = file(&folder, "mill.txt", "$130=123\n");
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
-    let said = failed(&["--tcp", &address, "--timeout", "0.3", "--diff", &file]);
-    assert!(said.contains("has not answered for 0.3 s"), "{said}");
+    let messages = failed(&["--tcp", &address, "--timeout", "0.3", "--diff", &file]);
+    assert!(
+        messages.contains("has not answered for 0.3 s"),
+        "{messages}"
+    );
     drop(listener);
-    let said = failed(&["--tcp", &address, "--diff", &file]);
-    assert!(said.contains("no machine listens at"), "{said}");
+    let messages = failed(&["--tcp", &address, "--diff", &file]);
+    assert!(messages.contains("no machine listens at"), "{messages}");
 }
 
 /// Talks to a machine until it says something.
@@ -268,17 +277,17 @@ fn a_machine_in_alarm_or_in_motion_is_reported() {
         let mut sender = TcpStream::connect(&address).unwrap();
         until(&mut sender, "G1 X-60 F60\n", "ok");
     }
-    let said = failed(&command);
-    assert!(said.contains("in the state Run"), "{said}");
+    let messages = failed(&command);
+    assert!(messages.contains("in the state Run"), "{messages}");
     {
         let mut sender = TcpStream::connect(&address).unwrap();
         until(&mut sender, "\x18", "$X");
         until(&mut sender, "$X\nG0 X500\n", "ALARM:1");
     }
-    let said = failed(&command);
+    let messages = failed(&command);
     assert!(
-        said.contains("in alarm and takes no lines before it is reset"),
-        "{said}"
+        messages.contains("in alarm and takes no lines before it is reset"),
+        "{messages}"
     );
     {
         // Still in alarm, but it reads lines again: settings may be changed.
@@ -334,14 +343,14 @@ fn what_another_machine_refuses_or_forgets_is_reported() {
     let folder = tempdir().unwrap();
     let address = other_machine(IDLE, |line| Some(grbl(line)));
     let file = file(&folder, "mill.txt", "$0=2\n$1=50\n$41=1\n");
-    let said = failed(&["--tcp", &address, "--load", &file]);
+    let messages = failed(&["--tcp", &address, "--load", &file]);
     for part in [
         "the machine does not have $41",
         "2 of 2 settings are not loaded",
         "$0=2: error:6",
         "$1=50 was accepted, and the machine shows 25",
     ] {
-        assert!(said.contains(part), "{said}");
+        assert!(messages.contains(part), "{messages}");
     }
     let saved = path(&folder, "saved.txt");
     done(&["--tcp", &address, "--save", &saved]);
@@ -355,7 +364,7 @@ fn a_conversation_that_breaks_off_is_reported_and_no_file_is_written() {
     let folder = tempdir().unwrap();
     let saved = path(&folder, "saved.txt");
     let noise = "x".repeat(5000).leak();
-    for (address, told) in [
+    for (address, expected) in [
         (other_machine(noise, |_| None), "sends what is no text"),
         (other_machine(IDLE, |_| None), "the connection has ended"),
         (
@@ -376,9 +385,13 @@ fn a_conversation_that_breaks_off_is_reported_and_no_file_is_written() {
             "has not answered for 0.4 s",
         ),
     ] {
-        let timeout = if told.contains("0.4 s") { "0.4" } else { "30" };
-        let said = failed(&["--tcp", &address, "--timeout", timeout, "--save", &saved]);
-        assert!(said.contains(told), "{said}");
+        let timeout = if expected.contains("0.4 s") {
+            "0.4"
+        } else {
+            "30"
+        };
+        let messages = failed(&["--tcp", &address, "--timeout", timeout, "--save", &saved]);
+        assert!(messages.contains(expected), "{messages}");
     }
     assert!(!Path::new(&saved).exists());
 }

@@ -168,13 +168,13 @@ pub fn ask(simulator: &mut Simulator, bytes: &[u8]) -> Vec<String> {
         simulator.receive(*byte);
         simulator.settle();
     }
-    let mut said = Vec::new();
+    let mut answer = Vec::new();
     while let Some(byte) = simulator.send() {
-        said.push(byte);
+        answer.push(byte);
         simulator.settle();
     }
-    let said = String::from_utf8_lossy(&said);
-    let lines = said
+    let answer = String::from_utf8_lossy(&answer);
+    let lines = answer
         .lines()
         .filter(|line| !line.is_empty() && *line != "ok");
     lines.map(str::to_owned).collect()

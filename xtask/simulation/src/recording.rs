@@ -350,10 +350,10 @@ fn alarms(figures: &Figures) -> Vec<Refused> {
 fn setting_rows(settings: &Settings) -> Vec<SettingRow> {
     let listed = |settings: &Settings| {
         let mut simulator = Box::new(Simulator::new(settings));
-        let mut said = playing::ask(&mut simulator, b"$+\n");
+        let mut answer = playing::ask(&mut simulator, b"$+\n");
         // The welcome comes first.
-        said.retain(|line| line.starts_with('$'));
-        said
+        answer.retain(|line| line.starts_with('$'));
+        answer
     };
     let (used, new) = (listed(settings), listed(&Settings::new(settings.step_rate)));
     let rows = Setting::all().zip(used.into_iter().zip(new));

@@ -119,11 +119,11 @@ pub fn check(
 fn all(file: Option<&Path>, mut reasons: Vec<(Option<usize>, &String)>) -> Error {
     // Those of the command line have no line and come last.
     reasons.sort_by_key(|(line, _)| line.unwrap_or(usize::MAX));
-    let tell = |(line, reason): &(Option<usize>, &String)| match line {
+    let with_line = |(line, reason): &(Option<usize>, &String)| match line {
         Some(line) => format!("line {line}: {reason}"),
         None => (*reason).clone(),
     };
-    let reports: Vec<_> = reasons.iter().map(tell).collect();
+    let reports: Vec<_> = reasons.iter().map(with_line).collect();
     let title = match (file, &reasons[..]) {
         (None, [(_, reason)]) | (_, [(None, reason)]) => return anyhow!("{reason}"),
         (Some(path), [_]) => format!("{}: a line is refused", path.display()),

@@ -56,12 +56,12 @@ impl Server {
         let mut child = sim(folder, arguments).spawn().unwrap();
         let messages = BufReader::new(child.stderr.take().unwrap()).lines();
         let mut server = Self { child, messages };
-        let line = server.hears("Serving");
+        let line = server.expect_line("Serving");
         (server, line)
     }
 
     /// The rest of the next line that begins with a word.
-    fn hears(&mut self, word: &str) -> String {
+    fn expect_line(&mut self, word: &str) -> String {
         let line = self
             .messages
             .find(|line| line.as_ref().unwrap().contains(word));
@@ -250,7 +250,7 @@ fn a_second_sender_is_refused_with_who_is_connected() {
         text_after.is_empty() || text_after.starts_with(&process),
         "{messages}"
     );
-    let refused = server.hears("Refused");
+    let refused = server.expect_line("Refused");
     assert!(
         refused.ends_with(&format!("{holder}{text_after} is connected")),
         "{refused}"
@@ -261,7 +261,7 @@ fn a_second_sender_is_refused_with_who_is_connected() {
     assert!(text_after.is_empty() || text(&another.stderr).contains(&process));
     talk(&first, "G0\n");
     drop(first);
-    server.hears("Left");
+    server.expect_line("Left");
     talk(&TcpStream::connect(&address).unwrap(), "G0\n");
     server.stop();
 }
@@ -298,11 +298,11 @@ fn a_second_sender_at_a_link_is_refused_with_who_is_connected() {
         BufReader::new(&second).read_line(&mut messages).unwrap();
         let holder = format!("[MSG:In use by process {} (", std::process::id());
         assert!(messages.starts_with(&holder), "{messages}");
-        assert!(server.hears("Refused").ends_with("is connected"));
+        assert!(server.expect_line("Refused").ends_with("is connected"));
         drop(second);
         assert!(answered(&first));
         drop(first);
-        server.hears("Left");
+        server.expect_line("Left");
     }
     server.stop();
     assert_eq!(names(folder.path()), Vec::<String>::new());

@@ -4,7 +4,7 @@ use leadscrew::gcode::LineError;
 
 use super::{
     DEAF_S, Exchange, Played,
-    heard::{Heard, Pair, align},
+    received::{Pair, ReceivedLine, align},
     rules::{
         differs_in_mist, differs_in_tool, displacement, is_arc, is_build_options, is_consequence,
         is_setting_out_of_range, stores,
@@ -35,20 +35,20 @@ const GRBL_BUFFER: usize = 128;
 const HOMING_SHARE: f64 = 0.35;
 
 /// Compares lines and knows the excuses.
-pub(super) struct Judge<'a> {
+pub(super) struct LineComparison<'a> {
     exchange: &'a Exchange,
     played: &'a Played,
     stops: &'a Stops,
-    theirs: Vec<Heard>,
+    theirs: Vec<ReceivedLine>,
 }
 
-impl<'a> Judge<'a> {
+impl<'a> LineComparison<'a> {
     pub(super) fn new(exchange: &'a Exchange, played: &'a Played, stops: &'a Stops) -> Self {
         Self {
             exchange,
             played,
             stops,
-            theirs: exchange.heard(),
+            theirs: exchange.received(),
         }
     }
 
@@ -56,8 +56,8 @@ impl<'a> Judge<'a> {
     /// the same any more, by a deviation.
     pub(super) fn lines(
         &self,
-        ours: &[Heard],
-        theirs: &[Heard],
+        ours: &[ReceivedLine],
+        theirs: &[ReceivedLine],
         found: &mut Vec<Difference>,
     ) -> Option<usize> {
         let mut diverged = None;
@@ -72,7 +72,7 @@ impl<'a> Judge<'a> {
                 Pair::Both(i, j) | Pair::Changed(i, j) => {
                     let (our, their) = (&ours[i], &theirs[j]);
                     let text = format!("`{}`, Grbl `{}`", our.text, their.text);
-                    let answers = theirs[..j].iter().filter(|heard| heard.is_answer());
+                    let answers = theirs[..j].iter().filter(|received| received.is_answer());
                     let reason = self.changed(our, their, answers.count());
                     ("line", their.step, text, reason)
                 }
@@ -85,7 +85,11 @@ impl<'a> Judge<'a> {
                     ("line", theirs[j].step, text, None)
                 }
             };
-            let text_of = |index: usize| theirs.get(index).map_or("", |heard| heard.text.as_str());
+            let text_of = |index: usize| {
+                theirs
+                    .get(index)
+                    .map_or("", |received| received.text.as_str())
+            };
             let divergence = self.divergence(step);
             let by_design = by_design
                 .or(divergence.map(|(deviation, _)| deviation))
@@ -142,7 +146,7 @@ impl<'a> Judge<'a> {
             return Some((Deviation::SingleAxisHoming, home));
         }
         let refused_by_us =
-            self.played.heard.iter().any(|our| {
+            self.played.received.iter().any(|our| {
                 (home..=step).contains(&our.step) && our.is_error(LineError::LimitsEngaged)
             });
         refused_by_us.then_some((Deviation::HomingOnSwitch, home))
@@ -164,13 +168,13 @@ impl<'a> Judge<'a> {
                         })
                     )
                 });
-            let alarms = |their: &Heard| their.step == *index && their.text == "ALARM:1";
+            let alarms = |their: &ReceivedLine| their.step == *index && their.text == "ALARM:1";
             opens && self.theirs.iter().any(alarms)
         })
     }
 
     /// Other coordinates in a message: those of a place that a stop or a failed homing has changed.
-    fn why_elsewhere(&self, our: &Heard, by: &[f64]) -> Option<Deviation> {
+    fn why_elsewhere(&self, our: &ReceivedLine, by: &[f64]) -> Option<Deviation> {
         if self.exchange.has_failed_homing(our.step) {
             return Some(Deviation::HomingMotion);
         }
@@ -219,7 +223,12 @@ impl<'a> Judge<'a> {
     }
 
     /// Another text in the same place, after a number of answers.
-    fn changed(&self, our: &Heard, their: &Heard, answers_before: usize) -> Option<Deviation> {
+    fn changed(
+        &self,
+        our: &ReceivedLine,
+        their: &ReceivedLine,
+        answers_before: usize,
+    ) -> Option<Deviation> {
         let mut line = self.line_of(their.step);
         if line.is_empty() && their.is_answer() {
             line = self.answered(answers_before);
@@ -296,7 +305,7 @@ impl<'a> Judge<'a> {
     }
 
     /// Ours alone said something.
-    fn surplus(&self, our: &Heard) -> Option<Deviation> {
+    fn surplus(&self, our: &ReceivedLine) -> Option<Deviation> {
         let line = self.line_of(our.step);
         let recorded = self.exchange.step(our.step)?;
         if line == "$I" && our.text.starts_with("[MSG:Step rate: ") {
@@ -329,7 +338,11 @@ impl<'a> Judge<'a> {
     }
 
     /// The same text at another time. `None`: the times agree.
-    fn time(&self, our: &Heard, their: &Heard) -> Option<(String, Option<Deviation>)> {
+    fn time(
+        &self,
+        our: &ReceivedLine,
+        their: &ReceivedLine,
+    ) -> Option<(String, Option<Deviation>)> {
         let (Some(our_s), Some(their_s)) = (our.time_s, their.time_s) else {
             let text = || format!("`{}` in the step before", our.text);
             return (our.step != their.step).then(|| (text(), Some(Deviation::NoPause)));
@@ -342,7 +355,12 @@ impl<'a> Judge<'a> {
         Some((text, self.why_at_another_time(our, their, late_s)))
     }
 
-    fn why_at_another_time(&self, our: &Heard, their: &Heard, late_s: f64) -> Option<Deviation> {
+    fn why_at_another_time(
+        &self,
+        our: &ReceivedLine,
+        their: &ReceivedLine,
+        late_s: f64,
+    ) -> Option<Deviation> {
         let their_s = their.time_s?;
         let line = self.line_of(their.step);
         let after_alarm = self.theirs.iter().any(|alarm| {

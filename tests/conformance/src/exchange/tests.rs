@@ -158,8 +158,8 @@ fn a_deviation_explains_only_its_own_kind() {
     assert_eq!(found(&tool)[0], ("line", None));
     let without_rate = |line: &str| {
         let mut recording = lines(&[line, "$G"]);
-        let heard = recording["result"][0]["recv"].as_array_mut().unwrap();
-        heard.retain(|text| !text.as_str().unwrap().contains("Step rate"));
+        let received = recording["result"][0]["recv"].as_array_mut().unwrap();
+        received.retain(|text| !text.as_str().unwrap().contains("Step rate"));
         recording
     };
     let info = found(&without_rate("$I"));

@@ -52,8 +52,8 @@ pub(crate) struct PathFollower {
     /// The time of the job at which the machine was last, s; none before it is on the path.
     at_s: Option<f64>,
     /// When that was, and when it was last sought everywhere, s since the beginning.
-    seen_s: f64,
-    sought_s: f64,
+    reported_s: f64,
+    searched_s: f64,
     seen: Option<[f64; AXES]>,
     /// How fast the job has been, as a part of what is planned: overrides change it.
     rate: f64,
@@ -73,7 +73,7 @@ impl PathFollower {
         });
         Self {
             points: points.collect(),
-            sought_s: f64::NEG_INFINITY,
+            searched_s: f64::NEG_INFINITY,
             rate: 1.0,
             ..Self::default()
         }
@@ -105,10 +105,10 @@ impl PathFollower {
             return;
         };
         if state == "Run" && self.is_on_path {
-            let since = (now_s - self.seen_s).max(0.0);
+            let since = (now_s - self.reported_s).max(0.0);
             self.at_s = Some((at + since).min(self.still_until(at)));
         }
-        self.seen_s = now_s;
+        self.reported_s = now_s;
     }
 
     /// Until when the job stands where it is at a time, s.
@@ -122,7 +122,7 @@ impl PathFollower {
     }
 
     fn seek(&mut self, place: [f64; AXES], now_s: f64, is_at_rest: bool) {
-        let since = (now_s - self.seen_s).clamp(0.0, LOST_S);
+        let since = (now_s - self.reported_s).clamp(0.0, LOST_S);
         let found = match self.at_s {
             Some(at) => {
                 let range = at - SEARCH_BACK_S..self.still_until(at) + SEARCH_AHEAD_S;
@@ -136,20 +136,20 @@ impl PathFollower {
             let rate = ((found - at) / since).clamp(0.0, 2.0);
             self.rate += (rate - self.rate) * since.min(LEARNED_S) / LEARNED_S;
         }
-        let is_lost = now_s - self.seen_s.max(self.sought_s) > LOST_S || self.at_s.is_none();
+        let is_lost = now_s - self.reported_s.max(self.searched_s) > LOST_S || self.at_s.is_none();
         let found = found.or_else(|| {
             // What stands is not sought: it may have been put anywhere.
-            let may_seek = is_lost && !is_at_rest && now_s - self.sought_s > LOST_S;
+            let may_seek = is_lost && !is_at_rest && now_s - self.searched_s > LOST_S;
             let from = self.at_s.unwrap_or(0.0);
             may_seek.then(|| {
-                self.sought_s = now_s;
+                self.searched_s = now_s;
                 let ahead = self.nearest(place, from..f64::INFINITY, from);
                 ahead.or_else(|| self.nearest(place, 0.0..from, 0.0))
             })?
         });
         self.is_on_path = found.is_some();
         if let Some(time) = found {
-            (self.at_s, self.seen_s, self.seen) = (Some(time), now_s, Some(place));
+            (self.at_s, self.reported_s, self.seen) = (Some(time), now_s, Some(place));
         }
     }
 

@@ -96,7 +96,7 @@ impl Tap {
             .is_some_and(|asked| now.saturating_sub(asked) >= ANSWER_TIMEOUT)
         {
             // The answer is lost.
-            self.let_go(now, machine);
+            self.release(now, machine);
         }
     }
 
@@ -109,12 +109,12 @@ impl Tap {
             sender.extend(line);
         }
         if is_report {
-            self.let_go(now, machine);
+            self.release(now, machine);
         }
     }
 
     /// Lets the questions go that have waited for the monitor's answer.
-    fn let_go(&mut self, now: Duration, machine: &mut Vec<u8>) {
+    fn release(&mut self, now: Duration, machine: &mut Vec<u8>) {
         self.asked = None;
         for _ in 0..std::mem::take(&mut self.held) {
             machine.push(b'?');

@@ -21,7 +21,7 @@ pub(crate) struct Plunge {
     /// How long the spindle gets before, s.
     pub(crate) spin_up_s: f32,
     /// Whether the machine is told in any case which tool is in it, so that it waits for a change again.
-    pub(crate) tells_tool: bool,
+    pub(crate) reports_tool: bool,
 }
 
 /// The lines that lead a machine in its power-up modes to a state: Z to the top, the other axes at rapid
@@ -41,7 +41,7 @@ pub(crate) fn approach(
         modal.coordinates.word()
     )];
     lines.extend(offsets(interpreter.offsets(), now.offsets()));
-    if plunge.tells_tool || interpreter.loaded_tool() != now.loaded_tool() {
+    if plunge.reports_tool || interpreter.loaded_tool() != now.loaded_tool() {
         lines.push(format!("M61 Q{}", interpreter.loaded_tool()));
     }
     lines.push(format!("G53 G0 Z{}", decimal(top)));

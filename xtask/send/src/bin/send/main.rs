@@ -42,7 +42,7 @@ use transmission::{Phase, Transmission};
 /// How often the machine is asked for a report.
 const ASK_EVERY: Duration = Duration::from_millis(200);
 /// How often it is kept how far the job is.
-const KEEP_EVERY: Duration = Duration::from_secs(1);
+const RECORD_PERIOD: Duration = Duration::from_secs(1);
 /// How long a job that is stopped may take to end.
 const STOP: Duration = Duration::from_secs(30);
 
@@ -65,7 +65,7 @@ fn main() -> ExitCode {
 fn run(options: &Options) -> Result<ExitCode> {
     // What is wrong with the program or the record is told before anything is connected.
     let lines = read(&options.file)?;
-    let mut file = RecordFile::beside(&options.file);
+    let mut file = RecordFile::of_program(&options.file);
     let program = record::checksum(&lines);
     let mut kept = options.resume.then(|| file.read(program)).transpose()?;
     let mut stop = interrupt::interruptions()?;
@@ -239,7 +239,7 @@ fn find_entry(
     let plunge = Plunge {
         feed_mm_min: options.plunge,
         spin_up_s: options.spin_up as f32,
-        tells_tool: kept.is_some_and(|record| record.measured.is_some()),
+        reports_tool: kept.is_some_and(|record| record.measured.is_some()),
     };
     let entry = resume::entry(
         lines,
@@ -310,7 +310,7 @@ impl Run<'_> {
                 answered = (self.job.answered(), Instant::now());
             }
             self.show(answered.1);
-            if kept.is_none_or(|kept| kept.elapsed() >= KEEP_EVERY) {
+            if kept.is_none_or(|kept| kept.elapsed() >= RECORD_PERIOD) {
                 kept = Some(Instant::now());
                 self.keep();
             }
@@ -332,7 +332,7 @@ impl Run<'_> {
 
     fn show(&mut self, since: Instant) {
         for note in self.job.take_notes() {
-            self.screen.say(&note);
+            self.screen.print_line(&note);
         }
         if !self.job.status.report.state.is_empty() {
             let since_s = if self.job.status.report.is_held() {

@@ -38,7 +38,7 @@ pub(crate) struct RecordFile {
 
 impl RecordFile {
     /// The file beside a program: `plate.nc.resume`.
-    pub(crate) fn beside(program: &Path) -> Self {
+    pub(crate) fn of_program(program: &Path) -> Self {
         let mut path = OsString::from(program);
         path.push(".resume");
         Self {

@@ -134,7 +134,7 @@ impl Screen {
     }
 
     /// Shows a message.
-    pub(crate) fn say(&self, text: &str) {
+    pub(crate) fn print_line(&self, text: &str) {
         self.bar.suspend(|| println!("{text}"));
     }
 

@@ -55,8 +55,8 @@ impl PowerUp<'_> {
             // What it says at power-up comes first.
             play::ask(&mut simulator, b"");
             for statement in &self.loaded.statements {
-                let said = play::ask(&mut simulator, format!("${statement}\n").as_bytes());
-                if let Some(error) = said.iter().find(|line| line.starts_with("error:")) {
+                let answer = play::ask(&mut simulator, format!("${statement}\n").as_bytes());
+                if let Some(error) = answer.iter().find(|line| line.starts_with("error:")) {
                     bail!("the machine refuses ${statement} beside what it has stored: {error}");
                 }
             }
@@ -74,9 +74,9 @@ impl PowerUp<'_> {
         }
         play::ask(&mut simulator, b"");
         for Tool { line, statement } in self.tools {
-            let said = play::ask(&mut simulator, format!("${statement}\n").as_bytes());
+            let answer = play::ask(&mut simulator, format!("${statement}\n").as_bytes());
             let mut errors = LineError::ALL.iter();
-            if let Some(error) = errors.find(|error| said.contains(&error.to_string())) {
+            if let Some(error) = errors.find(|error| answer.contains(&error.to_string())) {
                 let reason = error.text();
                 bail!("the machine refuses line {line} of the tool table, ${statement}: {reason}");
             }

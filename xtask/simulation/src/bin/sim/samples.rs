@@ -285,8 +285,8 @@ impl Samples {
             .min(self.end_ns + 20_000_000)
             + SPACING_NS;
         for column in &mut self.columns {
-            let rest = (column.stepped + column.ramp()).min(end);
-            column.line_to(rest, column.steps.into());
+            let standstill = (column.stepped + column.ramp()).min(end);
+            column.line_to(standstill, column.steps.into());
             column.line_to(end, column.steps.into());
         }
         let newest = self.moves.back().copied().unwrap_or_default();

@@ -12,7 +12,7 @@ use simulation::machine_answers::UNLIMITED_BAUD;
 pub(super) const DESCENT: Plunge = Plunge {
     feed_mm_min: 150.0,
     spin_up_s: 2.0,
-    tells_tool: false,
+    reports_tool: false,
 };
 
 pub(super) fn lines(text: &str) -> Vec<Vec<u8>> {

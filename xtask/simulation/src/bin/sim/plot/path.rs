@@ -42,7 +42,7 @@ const LEGEND: i32 = 92;
 const ROW: i32 = 18;
 /// Arrows along the path, at most, and the way between two at least, pixels.
 const ARROWS: f64 = 24.0;
-const ARROW_WAY: f64 = 90.0;
+const ARROW_SPACING_PX: f64 = 90.0;
 
 /// What colours the feed moves of a path.
 pub(super) struct Colouring {
@@ -232,7 +232,7 @@ fn draw_arrows(chart: &mut Chart, points: &[(f64, f64)], feeds: &[bool], pixel: 
         pairs.map(|(pair, _)| (pair[1], (pair[1].0 - pair[0].0, pair[1].1 - pair[0].1)))
     };
     let length: f64 = spans().map(|(_, (x, y))| x.hypot(y)).sum();
-    let spacing = (length / ARROWS).max(ARROW_WAY * pixel);
+    let spacing = (length / ARROWS).max(ARROW_SPACING_PX * pixel);
     let mut next = spacing / 2.0;
     let mut uneven = 0.0_f64;
     for ((x, y), (dx, dy)) in spans() {

@@ -6,7 +6,7 @@ use super::{
     Smoothness,
     fit::Crossing,
     intervals::{IntervalError, Intervals},
-    sweep::{Measured, Sought, Sweep},
+    sweep::{Measurand, Measured, Sweep},
 };
 use crate::series::Series;
 
@@ -52,7 +52,7 @@ impl Track {
     }
 
     fn new(scale: f64, intervals: Option<Intervals>) -> Self {
-        let sweep = |sought| Sweep::new(sought, scale);
+        let sweep = |measurand| Sweep::new(measurand, scale);
         Self {
             held: None,
             is_first: false,
@@ -60,10 +60,10 @@ impl Track {
             last: None,
             gap_s: None,
             has_moved: false,
-            speed: sweep(Sought::Speed),
-            acceleration: sweep(Sought::Acceleration),
-            jerk: sweep(Sought::Jerk),
-            jump: sweep(Sought::Jump),
+            speed: sweep(Measurand::Speed),
+            acceleration: sweep(Measurand::Acceleration),
+            jerk: sweep(Measurand::Jerk),
+            jump: sweep(Measurand::Jump),
             intervals,
             accelerations: Series::default(),
             jerks: Series::default(),

@@ -67,7 +67,7 @@ struct Open {
     passed: Passed,
     /// Time, s, and speed, mm/s, at the entry.
     entry_speed: Option<(f64, f64)>,
-    way_out: Vec<Crossing>,
+    exit: Vec<Crossing>,
     /// The time at which a rounded corner was passed, s.
     at_s: f64,
 }
@@ -123,7 +123,7 @@ impl Meter {
         let open = Open {
             entry_speed: self.entry_speed(passed.mm),
             passed,
-            way_out: Vec::new(),
+            exit: Vec::new(),
             at_s: seconds,
         };
         self.begun_mm = Some(passed.mm);
@@ -144,10 +144,10 @@ impl Meter {
             self.path.pop_front();
         }
         if let Some(open) = &mut self.open {
-            open.way_out.push(crossing);
-            let count = open.way_out.len();
+            open.exit.push(crossing);
+            let count = open.exit.len();
             // Twice the fitted duration: an earlier corner within that time matters.
-            let is_long = crossing.seconds - open.way_out[0].seconds >= 2.0 * SIDE_S;
+            let is_long = crossing.seconds - open.exit[0].seconds >= 2.0 * SIDE_S;
             if count >= 2 * MOST || (count >= 2 * FEWEST && is_long) {
                 self.close(None);
             }
@@ -192,9 +192,9 @@ impl Meter {
             return;
         };
         let to = next_mm.map_or(f64::MAX, |next| f64::midpoint(open.passed.mm, next));
-        let first = open.way_out.first();
+        let first = open.exit.first();
         let until = first.map_or(0.0, |first| first.seconds + SIDE_S);
-        let near = open.way_out.iter().enumerate().filter(|(index, crossing)| {
+        let near = open.exit.iter().enumerate().filter(|(index, crossing)| {
             let is_near = *index < FEWEST || *index < MOST && crossing.seconds <= until;
             is_near && crossing.position <= to
         });

@@ -73,7 +73,7 @@ pub(crate) fn distance_to_stretch(point: &Point, from: &Point, to: &Point) -> f6
 pub(crate) struct Piece {
     begin: Point,
     end: Point,
-    turn: Option<Turn>,
+    turn: Option<CircularArc>,
     /// Places and directions are rotated by [`turned`].
     is_turned: bool,
     /// Length, mm; degrees where only rotary axes move.
@@ -104,7 +104,7 @@ pub(crate) struct Corner {
 
 /// The circular part of an arc.
 #[derive(Debug, Clone)]
-struct Turn {
+struct CircularArc {
     axes: [usize; 2],
     centre: [f64; 2],
     /// Radius at the start, and the difference between the radius at the end and the radius at the start.
@@ -113,7 +113,7 @@ struct Turn {
     sweep: f64,
 }
 
-impl Turn {
+impl CircularArc {
     fn new(circle: &Circle, from: &Point, to: &Point) -> Self {
         let (first, second, _) = circle.plane.axes();
         let axes = [first, second];
@@ -149,7 +149,7 @@ impl Turn {
 impl Piece {
     /// A move from one point to another, along a line or with a circle.
     pub(crate) fn new(begin: Point, end: Point, circle: Option<&Circle>) -> Self {
-        let turn = circle.map(|circle| Turn::new(circle, &begin, &end));
+        let turn = circle.map(|circle| CircularArc::new(circle, &begin, &end));
         let mut displacement = minus(&end, &begin);
         if let Some(turn) = &turn {
             let [first, second] = turn.axes;

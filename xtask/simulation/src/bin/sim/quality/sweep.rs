@@ -25,7 +25,7 @@ const JUMP_PART: f64 = 0.3955;
 
 /// The quantity that a sweep measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Sought {
+pub(super) enum Measurand {
     /// Mean speed.
     Speed,
     /// Mean acceleration.
@@ -36,7 +36,7 @@ pub(super) enum Sought {
     Jump,
 }
 
-impl Sought {
+impl Measurand {
     const fn degree(self) -> usize {
         match self {
             Self::Speed => 1,
@@ -92,7 +92,7 @@ pub(super) struct Measured {
 /// Moves windows over crossings as they come.
 #[derive(Debug, Clone)]
 pub(super) struct Sweep {
-    sought: Sought,
+    measurand: Measurand,
     /// Units of a position to the mm.
     scale: f64,
     points: VecDeque<Crossing>,
@@ -107,9 +107,9 @@ pub(super) struct Sweep {
 }
 
 impl Sweep {
-    pub(super) fn new(sought: Sought, scale: f64) -> Self {
+    pub(super) fn new(measurand: Measurand, scale: f64) -> Self {
         Self {
-            sought,
+            measurand,
             scale,
             excess: f64::NEG_INFINITY,
             points: VecDeque::new(),
@@ -147,11 +147,11 @@ impl Sweep {
         let jumps: f64 = in_window.map(|(_, jump)| jump).sum();
         let seconds = to_s - from_s;
         jumps
-            * match self.sought {
-                Sought::Speed => 0.0,
-                Sought::Jump => 1.0,
-                Sought::Acceleration => 1.875 / seconds,
-                Sought::Jerk => 7.513 / seconds.powi(2),
+            * match self.measurand {
+                Measurand::Speed => 0.0,
+                Measurand::Jump => 1.0,
+                Measurand::Acceleration => 1.875 / seconds,
+                Measurand::Jerk => 7.513 / seconds.powi(2),
             }
     }
 
@@ -162,12 +162,12 @@ impl Sweep {
         let (first, last) = (*self.points.front()?, crossing);
         let seconds = last.seconds - first.seconds;
         let is_long = seconds >= LONGEST_S;
-        let enough = self.points.len() >= self.sought.fewest() && seconds >= SHORTEST_S;
+        let enough = self.points.len() >= self.measurand.fewest() && seconds >= SHORTEST_S;
         if !enough || !(is_long || self.expected_noise(seconds) <= self.allowed_noise()) {
             return None;
         }
         let measured = self.measure(seconds);
-        let next = first.seconds + seconds / self.sought.overlap();
+        let next = first.seconds + seconds / self.measurand.overlap();
         while self.points.len() > 1 && self.points[0].seconds < next {
             let passed = self.points.pop_front().map_or(0.0, |point| point.grain_s);
             self.grains = (self.grains - passed.powi(2)).max(0.0);
@@ -192,11 +192,11 @@ impl Sweep {
         let grain_s = self.grain_s();
         let speed = (self.points.len() - 1) as f64 / seconds * self.step_mm();
         let root = (self.points.len() as f64).sqrt();
-        let factor = match self.sought {
-            Sought::Speed => 12.0_f64.sqrt() / seconds,
-            Sought::Acceleration => 720.0_f64.sqrt() / seconds.powi(2),
-            Sought::Jerk => 100_800.0_f64.sqrt() / seconds.powi(3),
-            Sought::Jump => 56.0 / seconds,
+        let factor = match self.measurand {
+            Measurand::Speed => 12.0_f64.sqrt() / seconds,
+            Measurand::Acceleration => 720.0_f64.sqrt() / seconds.powi(2),
+            Measurand::Jerk => 100_800.0_f64.sqrt() / seconds.powi(3),
+            Measurand::Jump => 56.0 / seconds,
         };
         SIGMAS * grain_s * speed * factor / root + self.outlier(seconds)
     }
@@ -209,11 +209,11 @@ impl Sweep {
         const SHIFT_S: f64 = STEP_JITTER_TICKS as f64 / TICKS_PER_SECOND as f64;
         let count = self.points.len() as f64;
         let speed = (count - 1.0) / seconds * self.step_mm();
-        let weight = match self.sought {
-            Sought::Speed => 6.0 / seconds,
-            Sought::Acceleration => 60.0 / seconds.powi(2),
-            Sought::Jerk => 840.0 / seconds.powi(3),
-            Sought::Jump => 150.0 / seconds,
+        let weight = match self.measurand {
+            Measurand::Speed => 6.0 / seconds,
+            Measurand::Acceleration => 60.0 / seconds.powi(2),
+            Measurand::Jerk => 840.0 / seconds.powi(3),
+            Measurand::Jump => 150.0 / seconds,
         };
         SHIFT_S * speed * weight / count
     }
@@ -227,21 +227,21 @@ impl Sweep {
 
     fn allowed_noise(&self) -> f64 {
         let [acceleration, jerk] = self.points[self.points.len() / 2].limit;
-        match self.sought {
-            Sought::Speed => f64::INFINITY,
-            Sought::Jump => 0.5 * acceleration * SHORTEST_S,
-            Sought::Acceleration => NOISE_PART * acceleration,
-            Sought::Jerk if jerk > 0.0 => NOISE_PART * jerk,
-            Sought::Jerk => NOISE_PART * acceleration * JERK_PER_S,
+        match self.measurand {
+            Measurand::Speed => f64::INFINITY,
+            Measurand::Jump => 0.5 * acceleration * SHORTEST_S,
+            Measurand::Acceleration => NOISE_PART * acceleration,
+            Measurand::Jerk if jerk > 0.0 => NOISE_PART * jerk,
+            Measurand::Jerk => NOISE_PART * acceleration * JERK_PER_S,
         }
     }
 
     fn measure(&mut self, seconds: f64) -> Option<Measured> {
-        let fit = Fit::new(&self.points.iter(), self.sought.degree())?;
+        let fit = Fit::new(&self.points.iter(), self.measurand.degree())?;
         let noise = self.position_noise(seconds);
-        let (value, noise) = match self.sought {
-            Sought::Jump => fit.jump(self.points.iter(), noise),
-            Sought::Speed | Sought::Acceleration | Sought::Jerk => {
+        let (value, noise) = match self.measurand {
+            Measurand::Jump => fit.jump(self.points.iter(), noise),
+            Measurand::Speed | Measurand::Acceleration | Measurand::Jerk => {
                 (fit.leading(), fit.leading_noise(noise))
             }
         };
@@ -254,11 +254,11 @@ impl Sweep {
         let (from_s, to_s) = (self.points[0].seconds, self.points[0].seconds + seconds);
         let allowance = self.allowance(from_s, to_s);
         let beyond_allowance = (value.abs() - allowance).max(0.0);
-        let (excess, of_limit) = match self.sought {
-            Sought::Speed => (beyond_allowance, 0.0),
-            Sought::Acceleration => (beyond_allowance, limit(0)),
-            Sought::Jerk => (beyond_allowance, limit(1)),
-            Sought::Jump => {
+        let (excess, of_limit) = match self.measurand {
+            Measurand::Speed => (beyond_allowance, 0.0),
+            Measurand::Acceleration => (beyond_allowance, limit(0)),
+            Measurand::Jerk => (beyond_allowance, limit(1)),
+            Measurand::Jump => {
                 floor += JUMP_PART * limit(0) * seconds;
                 (beyond_allowance - floor, 0.0)
             }

@@ -6,7 +6,7 @@ use simulation::sender::Response;
 
 /// A line that was received.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Heard {
+pub(super) struct ReceivedLine {
     /// The step during which it came.
     pub(super) step: usize,
     /// When it was complete, in the recording's time; recordings of single lines have none.
@@ -14,7 +14,7 @@ pub(super) struct Heard {
     pub(super) text: String,
 }
 
-impl Heard {
+impl ReceivedLine {
     /// Whether it is a status report.
     pub(super) fn is_report(&self) -> bool {
         self.text.starts_with('<')
@@ -63,7 +63,7 @@ pub(super) enum Pair {
 }
 
 /// Aligns two sequences: as many equal texts as possible, and what remains in pairs.
-pub(super) fn align(ours: &[Heard], theirs: &[Heard]) -> Vec<Pair> {
+pub(super) fn align(ours: &[ReceivedLine], theirs: &[ReceivedLine]) -> Vec<Pair> {
     // Longest common subsequence, from the ends.
     let mut common = vec![vec![0_u32; theirs.len() + 1]; ours.len() + 1];
     for (i, our) in ours.iter().enumerate().rev() {
@@ -119,10 +119,10 @@ fn pair_up(
 mod tests {
     use super::*;
 
-    fn heard(text: &str) -> Vec<Heard> {
+    fn received(text: &str) -> Vec<ReceivedLine> {
         let words = text.split_whitespace();
         words
-            .map(|word| Heard {
+            .map(|word| ReceivedLine {
                 step: 0,
                 time_s: None,
                 text: word.into(),
@@ -131,7 +131,7 @@ mod tests {
     }
 
     fn aligned(ours: &str, theirs: &str) -> Vec<Pair> {
-        align(&heard(ours), &heard(theirs))
+        align(&received(ours), &received(theirs))
     }
 
     #[test]
