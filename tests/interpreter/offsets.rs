@@ -55,7 +55,7 @@ fn a_reset_keeps_stored_offsets_and_the_position() {
 }
 
 #[test]
-fn g28_goes_by_way_of_the_target_and_moves_the_named_axes_only() {
+fn g28_passes_the_target_and_moves_the_named_axes_only() {
     let lines = ["G0X1Y2Z3", "G28.1", "G0X10Y20Z30"];
     let all = commands(&[&lines[..], &["G28"]].concat());
     assert_eq!(all, [line(um(1000, 2000, 3000), FeedRate::Rapid)]);

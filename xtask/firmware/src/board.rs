@@ -219,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn outputs_of_3_ma_are_told() {
+    fn outputs_of_3_ma_are_reported() {
         for (name, pins) in [
             ("blackpill-f411", Some("PC14, PC15: ")),
             ("btt-skr-2", Some("PC13: ")),

@@ -46,7 +46,7 @@ fn asked(folder: &Path, part: &str) -> usize {
     asked.lines().filter(|line| line.contains(part)).count()
 }
 
-const EMPTY_FOLDER: [&str; 2] = ["nothing", ":"];
+const NO_OVERRIDE: [&str; 2] = ["nothing", ":"];
 const CHECK: [&str; 4] = ["board", "check", BOARD, "--prove"];
 /// The program may have 736 KiB.
 const BYTES: u32 = 36 * 1024;
@@ -55,7 +55,7 @@ const STARTS: &str = "starts from 14 states of the chip; 700.0 KiB of flash are 
 #[test]
 fn a_firmware_starts_from_every_state_or_is_refused_with_the_fault_and_the_state() {
     let folder = folder("rehearsed");
-    let output = run(&folder, BYTES, EMPTY_FOLDER, &["start", BOARD]);
+    let output = run(&folder, BYTES, NO_OVERRIDE, &["start", BOARD]);
     assert_eq!(lines(&output.stdout), [STARTS]);
     assert!(output.status.success());
     assert_eq!(asked(&folder, "rehearse.py"), 14);
@@ -80,7 +80,7 @@ fn the_check_of_a_board_fails_with_one_firmware() {
     for (name, other, status, four_axes) in [
         (
             "starts",
-            EMPTY_FOLDER,
+            NO_OVERRIDE,
             0,
             "starts from 2 states of the chip",
         ),
@@ -175,7 +175,7 @@ fn a_firmware_that_leaves_too_little_is_refused() {
         ),
     ] {
         let bytes = 736 * 1024 - free_bytes;
-        let output = run(&folder, bytes, EMPTY_FOLDER, &["start", BOARD]);
+        let output = run(&folder, bytes, NO_OVERRIDE, &["start", BOARD]);
         assert_eq!(output.status.success(), refusal.is_none(), "{output:?}");
         let messages = String::from_utf8_lossy(&output.stderr);
         assert!(
@@ -198,7 +198,7 @@ fn a_model_that_is_wrong_or_untested_and_a_folder_that_cannot_be_made_are_errors
             ["*unittest*", "echo Ran 0 tests >&2"],
             "the model of the chip has no tests",
         ),
-        ("folder", EMPTY_FOLDER, "cannot make "),
+        ("folder", NO_OVERRIDE, "cannot make "),
     ] {
         let folder = folder(name);
         if name == "folder" {

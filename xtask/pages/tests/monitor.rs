@@ -211,9 +211,9 @@ fn a_sender_reaches_the_machine_through_the_link() {
     for line in ["G91", "G1 X1 F6000", "$G", "M999"] {
         writeln!(sender, "{line}").unwrap();
     }
-    let heard: Vec<_> = lines.by_ref().take(5).collect();
+    let received: Vec<_> = lines.by_ref().take(5).collect();
     let parser = "[GC:G1 G54 G17 G21 G91 G94 M5 M9 T0 F6000 S0]";
-    assert_eq!(heard, ["ok", "ok", parser, "ok", "error:23"]);
+    assert_eq!(received, ["ok", "ok", parser, "ok", "error:23"]);
     write!(sender, "?").unwrap();
     assert!(lines.next().unwrap().starts_with('<'));
     // Nothing of what the monitor asks for is among it.
@@ -366,9 +366,9 @@ fn what_is_no_grbl_is_reported() {
         (busy, "is in use by process 7 (bCNC)"),
     ] {
         let (address, _switch) = machine(answer);
-        let (status, heard) = Monitor::start(&["--tcp", &address]).end();
+        let (status, received) = Monitor::start(&["--tcp", &address]).end();
         assert_eq!(status, Some(1));
-        assert!(heard.contains(printed), "{heard}");
+        assert!(received.contains(printed), "{received}");
     }
 }
 

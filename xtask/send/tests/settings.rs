@@ -242,14 +242,14 @@ fn who_does_not_answer_is_reported() {
 }
 
 /// Talks to a machine until it says something.
-fn until(stream: &mut TcpStream, send: &str, heard: &str) {
+fn until(stream: &mut TcpStream, send: &str, received: &str) {
     let start = Instant::now();
     let mut all = String::new();
     stream
         .set_read_timeout(Some(Duration::from_millis(50)))
         .unwrap();
     stream.write_all(send.as_bytes()).unwrap();
-    while !all.contains(heard) {
+    while !all.contains(received) {
         assert!(start.elapsed() < Duration::from_mins(1), "{all}");
         let mut chunk = [0; 256];
         if let Ok(length) = stream.read(&mut chunk) {

@@ -438,7 +438,7 @@ fn a_smooth_jerk_is_found() {
 }
 
 #[test]
-fn a_refused_line_ends_what_is_said_of_the_path() {
+fn a_refused_line_ends_the_measurement_of_the_path() {
     let mut meter = Meter::new(ProgramReader::new(&settings()));
     meter.line(b"G1 X1 F600");
     meter.answer(true);
