@@ -1,5 +1,4 @@
-//! Faults: a task that hangs, a panic, a fault of the processor, a stack that is too deep, a crystal that stops, a
-//! supply that falls.
+//! Faults: a hanging task, a panic, a processor fault, a stack overflow, a stopped crystal, a falling supply.
 //!
 //! The instructions at the beginning of a task are replaced. The emulator has no watchdog, no crystal and no supply:
 //! a count of a timer stands in for the first, and for the others the task itself pends what they would.

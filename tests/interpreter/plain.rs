@@ -13,7 +13,7 @@ use proptest::prelude::*;
 
 use crate::support::{after, send, um};
 
-/// Does a line in one go, if it is plain; else returns the plain words that it begins with.
+/// Executes a plain line at once; of another line, returns the plain words at its beginning.
 fn plain(
     machine: &mut Interpreter,
     line: &str,

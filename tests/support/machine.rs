@@ -1,4 +1,4 @@
-//! The whole machine behind its serial line: what a sender and an operator do to it, what it sends, what it steps.
+//! The whole machine with its serial line: input of a sender and an operator, output bytes and steps.
 
 use std::{
     mem::take,

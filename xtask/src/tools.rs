@@ -40,9 +40,9 @@ pub struct Tool {
     profile: &'static str,
     /// What it is compiled for, if that is not this computer.
     target: Option<&'static str>,
-    /// It is a library that another program loads.
+    /// The tool is a library that another program loads.
     is_library: bool,
-    /// It does several commands: those who start it name one.
+    /// The tool has several commands: the caller names one.
     has_commands: bool,
 }
 

@@ -59,8 +59,7 @@ pub(super) enum Machine {
 }
 
 impl Machine {
-    /// Starts one with the settings in a file and those beside it; also gives the line to it, and its
-    /// settings.
+    /// Starts a machine with the settings of a file and with overrides. Also returns its serial line and its settings.
     pub(super) fn start(
         place: Place,
         dialects: Dialects,

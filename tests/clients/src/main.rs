@@ -1,8 +1,7 @@
 //! `cargo xtask test --clients`: sender programs at the simulator and at the firmware.
 //!
-//! Each sender is driven by a script in `tests/clients`, which says what it does and checks what the
-//! sender makes of it. Between the sender and the machine sits a tap, and whatever the script checks,
-//! the account of what passed must be right to the last byte: see [`grbl`] and [`reprap`].
+//! A script in `tests/clients` drives each sender and checks its results. A tap between the sender and the machine
+//! accounts for the traffic, which must be right to the last byte: see [`grbl`] and [`reprap`].
 
 mod account;
 mod browser;
@@ -284,7 +283,7 @@ fn drive(sender: Sender, place: Place, wire: Wire) -> Result<Verdict> {
 
 /// One sender at one machine.
 struct Run {
-    /// What it leaves: all that passed, and what the script said.
+    /// The folder of the log of the traffic and of the script's output.
     folder: PathBuf,
     settings: Settings,
     machine: Machine,

@@ -1,11 +1,11 @@
 //! The accounting of a serial line on which a RepRap machine is driven.
 //!
-//! Pure, as [`Grbl`](super::grbl::Grbl) is for Grbl's protocol: each line that is not blank gets exactly
-//! one answer that begins with `ok`; a line that is asked for again was damaged.
+//! Pure, as [`Grbl`](super::grbl::Grbl). Each line that is not blank gets exactly one answer, beginning with `ok`.
+//! Only a damaged line is requested again.
 
 use super::account::{Account, whole_line};
 
-/// Beginnings of what a RepRap machine says besides `ok`.
+/// Beginnings of the messages of a RepRap machine besides `ok`.
 const KNOWN_MESSAGES: [&str; 12] = [
     "Error:",
     "Resend:",

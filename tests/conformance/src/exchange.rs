@@ -118,10 +118,9 @@ impl Exchange {
         self.session.steps().any(|step| step.t.is_some())
     }
 
-    /// How long the answer to a line is waited for.
+    /// The time limit for the answer to a line.
     ///
-    /// A line that Grbl answered is waited for longer than Grbl was, so that one that comes late
-    /// does not get lost.
+    /// Where Grbl answered a line, the limit exceeds Grbl's time, so that a late answer is not lost.
     fn patience(&self, step: &Step) -> Patience {
         if step
             .recv

@@ -151,9 +151,9 @@ enum Outcome {
     Failed,
 }
 
-/// Builds the firmware of boards with each number of axes, looks what it leaves free, and starts it on a model of its
-/// chip: two at a time, those of one chip one after the other, in a folder of their own. Returns false where one does
-/// not start or leaves too little.
+/// Builds the firmware of boards with each number of axes, measures the free flash, and starts each firmware on a
+/// model of its chip. Two chips run at a time, each in its own folder; the firmwares of a chip run one after the
+/// other. Returns false where one does not start or leaves too little.
 fn starts(boards: &[Board]) -> Result<bool> {
     // Once: what cannot be had is not asked for with each.
     let unstarted = rehearsal::python()?.err();

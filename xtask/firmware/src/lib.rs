@@ -44,7 +44,7 @@ fn proven_if_possible(board: &Board, options: &[&str], suffix: &str) -> Result<P
     Ok(elf)
 }
 
-/// Builds a firmware, proves it and writes what is proven into it; also gives what of that failed.
+/// Builds and proves a firmware and writes the proven step rate into the file. Also returns the failures of the proof.
 ///
 /// The file is whole at any time, for somebody may boot it: no firmware takes the place of a proven
 /// one before it is proven.
@@ -97,8 +97,7 @@ pub fn traced_for_emulator(board: &Board) -> Result<PathBuf> {
     proven_if_possible(board, &options, "-trace-emulated")
 }
 
-/// Copies a firmware and lets the copy say that it is proven for a step rate: for what finds out
-/// what happens at rates that are not.
+/// Copies a firmware and declares the copy proven for a step rate: for experiments at rates without a proof.
 pub fn as_if_proven(elf: &Path, hz: u32) -> Result<PathBuf> {
     let copy = elf.with_extension(format!("{hz}-hz.elf"));
     write_rate(elf, &copy, hz)?;

@@ -78,12 +78,7 @@ fn a_firmware_starts_from_every_state_or_is_refused_with_the_fault_and_the_state
 #[test]
 fn the_check_of_a_board_fails_with_one_firmware() {
     for (name, other, status, four_axes) in [
-        (
-            "starts",
-            NO_OVERRIDE,
-            0,
-            "starts from 2 states of the chip",
-        ),
+        ("starts", NO_OVERRIDE, 0, "starts from 2 states of the chip"),
         (
             "fails",
             ["*axes-4*--lse*", "echo LSEON is set; exit 1"],

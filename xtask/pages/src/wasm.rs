@@ -1,9 +1,8 @@
 //! A job on the virtual machine, for a browser: the functions that its worker calls.
 //!
-//! The worker puts its texts into [`room`], calls [`begin`], [`pump`] until it tells the end, and [`finish`],
-//! and takes what came of it from [`text`] and [`length`]. Numbers and addresses are all that passes; the
-//! worker looks for what it needs in the memory itself, so that no address is followed here. After a panic
-//! nothing but [`text`] and [`length`] may be called.
+//! The worker writes its texts into [`room`], calls [`begin`], [`pump`] until the end, and [`finish`], and reads the
+//! results from [`text`] and [`length`]. Only numbers and addresses pass. The worker reads and writes the memory
+//! itself, so that no address is dereferenced here. After a panic nothing but [`text`] and [`length`] may be called.
 #![expect(unsafe_code, reason = "a browser finds functions by their names")]
 
 mod run;

@@ -76,7 +76,7 @@ impl Drop for Simulator {
     }
 }
 
-/// Whether a command succeeds, what it prints, and what it says.
+/// Whether a command succeeds, its output, and its messages.
 fn settings(arguments: &[&str]) -> (bool, String, String) {
     let has_timeout = arguments.contains(&"--timeout");
     let patient: &[&str] = if has_timeout {

@@ -1,4 +1,4 @@
-//! What one process at a time may serve: a lock beside it that names its holder.
+//! A lock file beside a file that only one process may serve, with the name of the holder.
 
 use std::{
     fs::{self, File, TryLockError},

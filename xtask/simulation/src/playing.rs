@@ -118,7 +118,7 @@ impl<S: borrow::BorrowMut<Simulator>, R: Recorder> Playing<S, R> {
         self.stream.simulator.borrow()
     }
 
-    /// Plays what is left, and returns what the program did, with what was made of it.
+    /// Plays the remaining program, and returns the figures with the output of the recorder.
     ///
     /// # Errors
     /// The program cannot be read, or the machine stands still before its end.

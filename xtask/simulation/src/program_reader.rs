@@ -1,7 +1,7 @@
 //! From the lines of a program to its commands.
 //!
-//! The lines go to an interpreter of their own, and behind cutter compensation that is their own too:
-//! nothing but the program's text reaches them, so that what the motion has made of it can be compared.
+//! The reader has its own interpreter and its own cutter compensation. Only the text of the program reaches the
+//! reader, so that the motion can be compared with the program.
 
 use leadscrew::{
     gcode::{
@@ -76,8 +76,8 @@ impl ProgramReader {
         self.changed_tool
     }
 
-    /// The commands of the next line, all of its holes if it drills, and those of a move that has waited
-    /// for it. One that is refused has none.
+    /// The commands of the next line, with every hole of a drilling cycle and with the commands of a move that has
+    /// waited for the line. A refused line has no commands.
     pub fn line(&mut self, line: &[u8]) -> Vec<Command> {
         self.programmed = None;
         self.changed_tool = None;
@@ -209,7 +209,7 @@ mod tests {
         assert_eq!(ends("G3 X-11 Y9 I0 J-1"), [[0; 2]; 0]);
         assert_eq!(ends("G1 Y20"), [[-10, 8], [-12, 10]]);
         assert_eq!(ends("G40 X-20"), [[-12, 20], [-20, 20]]);
-        // A line that is shorter than what the corner before it takes of it.
+        // A line that is shorter than its part that the corner before removes.
         for line in ["G41.1 D4", "X-30 Y20", "Y25"] {
             ends(line);
         }

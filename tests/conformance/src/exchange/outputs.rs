@@ -105,8 +105,8 @@ pub(super) fn compare(
     }
 }
 
-/// When the recording of the outputs ended: one that shows a spindle or coolant on, where Grbl says
-/// that it is off, broke off before.
+/// The end of the recording of the outputs. A recording broke off early if it shows a spindle or coolant on that Grbl
+/// reports as off.
 fn recorded_until(exchange: &Exchange) -> f64 {
     let same = |time: f64| time;
     let is_on = |levels: Levels| levels.last().is_some_and(|(_, value)| *value != 0);

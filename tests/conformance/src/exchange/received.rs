@@ -1,4 +1,4 @@
-//! What was received in an exchange, and which of it belongs together.
+//! The lines received in an exchange, aligned with the lines of the recording.
 
 use leadscrew::gcode::LineError;
 
@@ -7,9 +7,9 @@ use simulation::sender::Response;
 /// A line that was received.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ReceivedLine {
-    /// The step during which it came.
+    /// The step during which the line came.
     pub(super) step: usize,
-    /// When it was complete, in the recording's time; recordings of single lines have none.
+    /// The end of the line, in the time of the recording; recordings of single lines have no times.
     pub(super) time_s: Option<f64>,
     pub(super) text: String,
 }
@@ -20,7 +20,7 @@ impl ReceivedLine {
         self.text.starts_with('<')
     }
 
-    /// The part by which two lines are taken for the same: what comes before a list's values.
+    /// The part that identifies a line: the text before the values of a list.
     fn kind(&self) -> &str {
         let text = self.text.as_str();
         let is_list = text.starts_with('$') || (text.starts_with('[') && !text.starts_with("[MSG"));
@@ -30,8 +30,8 @@ impl ReceivedLine {
         }
     }
 
-    /// Whether it can be the other in another recording: without times, in the same step. What
-    /// comes without being asked may come in the step before.
+    /// Whether two lines of two recordings can be the same line: without times, in the same step. A line that no
+    /// request caused may come in the step before.
     fn is_like(&self, other: &Self) -> bool {
         let is_near = self.step == other.step
             || (self.step + 1 == other.step && !self.is_answer() && !other.is_report());

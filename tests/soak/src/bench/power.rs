@@ -58,7 +58,7 @@ impl Bench {
         }
     }
 
-    /// What is stored is not old, then it is new: the line that stored it changes nothing when it is sent again.
+    /// Checks that a stored record that is not old is new: the same line changes nothing when sent again.
     fn check_stored_by_line(&mut self, old: Option<&(Stored, ToolTable)>, writing: Option<&str>) {
         let new = self.may_be_stored.clone();
         let changes = old

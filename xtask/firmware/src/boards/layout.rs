@@ -13,13 +13,13 @@ use super::{
 /// Start of the flash and of the RAM of every chip.
 const FLASH: u32 = 0x0800_0000;
 const RAM: u32 = 0x2000_0000;
-/// What each firmware leaves free of the flash that it may use, bytes: room for what owners add, and for mends.
+/// Minimum free part of the flash of a firmware, bytes: room for additions of owners and for fixes.
 pub const MIN_FREE_BYTES: u32 = 32 * 1024;
 
-/// What an image takes of the flash that it may use.
+/// The use of the flash by an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FlashUse {
-    /// Bytes up to the last that is loaded, without those between vectors and code that hold settings or nothing.
+    /// Bytes up to the last loaded byte, without the sectors of the settings between vectors and code.
     pub used: u32,
     /// Bytes that the program may use.
     pub usable: u32,
@@ -32,8 +32,8 @@ impl FlashUse {
     }
 }
 
-/// Compares an image with the board's memory: no byte that is loaded may lie in the sectors of the settings, in a
-/// bootloader or outside of the chip's flash, code must be where it is loaded, and stack and data in the chip's RAM.
+/// Compares an image with the memory of the board. No loaded byte may lie in the sectors of the settings, in a
+/// bootloader or outside of the flash. Code must run where it is loaded; stack and data must lie in the RAM.
 pub fn check(board: &Board, image: &[u8]) -> Result<FlashUse> {
     let memory = board.chosen_memory();
     let segments = segments(image)?;

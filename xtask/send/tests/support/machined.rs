@@ -1,11 +1,11 @@
-//! What a tool has cut on its way.
+//! The material that a tool path removes.
 
 use std::collections::{HashMap, HashSet};
 
-/// Everything that was cut below a surface, in steps.
+/// The material removed below a surface, in steps.
 ///
-/// A place that the tool only passes on its way down or up is no cut at that depth: a job that is continued lifts
-/// the tool wherever it was held, and comes down where its line begins.
+/// Places of vertical moves do not count as removed at their depth. A continued job lifts the tool wherever the
+/// machine was held, and plunges at the start of a line.
 pub(crate) struct MachinedPath {
     /// Places at which it moved sideways.
     horizontal: HashSet<[i32; 3]>,

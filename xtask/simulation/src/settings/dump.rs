@@ -1,8 +1,8 @@
 //! Settings in a text: what `$$` lists, and what a terminal or a sender has kept around it.
 //!
-//! Lists of Grbl 0.9 and 1.1, grblHAL, `FluidNC` and this firmware are read as they are: the welcome
-//! line, `ok`, messages, reports and comments are skipped, and so are the marks that logs put
-//! before a line (`<` for what came, `>` for what was sent).
+//! Lists of Grbl 0.9 and 1.1, grblHAL, `FluidNC` and this firmware are read as they are. The welcome line, `ok`,
+//! messages, reports and comments are skipped. So are the marks of logs before a line: `<` for a received line, `>`
+//! for a sent line.
 
 use leadscrew::settings::Setting;
 

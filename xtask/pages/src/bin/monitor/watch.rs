@@ -112,8 +112,8 @@ impl Watch {
         }
     }
 
-    /// Holds a machine that is left in the midst of a job: it would carry out the lines that it has, and stand
-    /// still with its spindle on.
+    /// Holds a machine that is left during a job. Without the hold, the machine would execute the queued lines and
+    /// stand still with its spindle on.
     fn hold(&self) -> Result<()> {
         self.link.write(&mut vec![realtime::HOLD])?;
         bail!("the job was interrupted, and the machine is held: ~ goes on, a reset ends it")

@@ -24,8 +24,8 @@ pub(crate) struct Plunge {
     pub(crate) reports_tool: bool,
 }
 
-/// The lines that lead a machine in its power-up modes to a state: Z to the top, the other axes at rapid
-/// speed, the spindle and a dwell, Z down at feed, and the modes.
+/// The lines that lead a machine in its power-up modes to a state. They move Z to the top and the other axes at rapid
+/// speed, start the spindle, dwell, plunge Z at feed, and set the modes.
 pub(crate) fn approach(
     state: &Replay,
     now: &Interpreter,

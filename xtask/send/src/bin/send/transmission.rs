@@ -1,4 +1,4 @@
-//! A job that is sent: what is sent when, what the machine's lines mean, and what the operator's keys do.
+//! The transmission of a job: the lines to send, the answers of the machine and the keys of the operator.
 //!
 //! Pure: bytes and keys go in, bytes and notes come out, and the caller owns line, clock and screen.
 
@@ -76,21 +76,21 @@ pub(crate) enum Phase {
     Failed(String),
 }
 
-/// A job.
+/// The transmission of a job.
 pub(crate) struct Transmission {
     /// What is to be sent, first the lines of the approach.
     lines: Vec<Vec<u8>>,
     approach: usize,
-    /// The line of the program behind the approach, counted from 0.
+    /// The first line of the program after the approach, counted from 0.
     first: usize,
     next: usize,
-    /// It fills no larger receive buffer than Grbl's: lines that the operator types need room behind the job's.
+    /// It fills at most a receive buffer of Grbl's size: lines of the operator need room after the lines of the job.
     sender: Sender,
     pub(crate) phase: Phase,
     pub(crate) status: Status,
     /// The operator has asked for a hold.
     is_hold_asked: bool,
-    /// That the machine waits has been told.
+    /// A note has reported that the machine waits.
     is_wait_reported: bool,
     /// What the operator types during a change of the tool.
     pub(crate) manual_lines: ManualLines,
@@ -242,7 +242,7 @@ impl Transmission {
         }
     }
 
-    /// Looks at a report.
+    /// Updates the phase from the last report.
     fn update_phase(&mut self) {
         match &self.phase {
             Phase::Stopping(reason) if self.status.report.is_at_rest() => {
@@ -269,7 +269,7 @@ impl Transmission {
         }
     }
 
-    /// The machine waits: for the operator, who may have asked for that.
+    /// Reports that the machine waits for the operator, or stops where nobody can press a key.
     fn wait(&mut self) {
         if !self.has_operator {
             let why = match self.message.as_str() {

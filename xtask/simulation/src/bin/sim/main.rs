@@ -54,8 +54,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         let all = session::replay_file(input, output)?;
         return Ok(ExitCode::from(u8::from(!all)));
     }
-    // What is wrong with what was asked for is told before anything runs: first what is read, then
-    // what is written.
+    // Every file is checked before the program runs: first the inputs, then the outputs.
     let mut set = options.set.clone();
     if options.reprap {
         set.push("$780=1".into());

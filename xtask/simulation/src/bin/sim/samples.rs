@@ -221,7 +221,7 @@ impl Samples {
         }
     }
 
-    /// Takes a sample, and measures the one in the middle of the window that ends with it.
+    /// Takes a sample, and measures the middle sample of the window that the sample ends.
     fn take(&mut self, sample: Sample) {
         self.window.push_back(sample);
         if self.window.len() <= 2 * REACH {

@@ -140,7 +140,7 @@ fn an_axis_that_the_job_never_moves_is_where_it_is() {
 fn after_a_probing_move_a_job_is_continued_only_where_nothing_depends_on_it() {
     let job = "G0 X1\nG38.2 Z-5 F50\nG0 Z5\nG0 X2 Y2\nG0 X3";
     assert_eq!([2, 3, 4, 5].map(|line| first(job, line)), [2, 2, 4, 5]);
-    // Axes that it does not move are where they were, and those that it does are lost.
+    // Axes without a word keep their position; the position of moved axes is lost.
     let unchanged_axes = "G0 X1\nG38.2 Y5 F50\nG0 Z5\nG0 Z6\nG0 X2\nG0 Y0\nG0 X3";
     assert_eq!(
         [3, 4, 5, 6, 7].map(|line| first(unchanged_axes, line)),

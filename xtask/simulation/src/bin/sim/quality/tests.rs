@@ -24,7 +24,7 @@ fn settings() -> Settings {
     }
 }
 
-/// Steps of a motion, found on a fine grid of times: each is due when its axis is half-way to it.
+/// Steps of a motion, on a fine grid of times. A step is due when its axis is midway between two steps.
 fn steps_of(seconds: f64, at: impl Fn(f64) -> [f64; 2]) -> Vec<(f64, usize, i32)> {
     const GRID_S: f64 = 1.0e-4;
     let mut steps = Vec::new();
@@ -77,7 +77,7 @@ fn measured(settings: &Settings, program: &[&str], steps: &[(f64, usize, i32)]) 
     meter.finish().0
 }
 
-/// From rest to rest: the way after a time, at 500 mm/s² up to 50 mm/s.
+/// From standstill to standstill: the distance after a time, at 500 mm/s² up to 50 mm/s.
 fn trapezoid(length: f64) -> (f64, impl Fn(f64) -> f64) {
     let (speed, acceleration) = (50.0, 500.0);
     let ramp = speed / acceleration;
@@ -322,7 +322,7 @@ fn the_speed_in_a_corner_is_measured() {
         panic!("{:?}", quality.violations);
     };
     assert!(violation.ends_with("the speed that $11 allows in a corner"));
-    // The way along the path goes on smoothly, and no axis is judged across the corner.
+    // The distance along the path stays smooth, and no axis is measured across the corner.
     let accelerations = quality
         .axes
         .iter()
@@ -363,8 +363,8 @@ fn corners_a_few_steps_from_each_other_are_distinguished_from_the_path_between_t
 
 #[test]
 fn a_bend_too_slight_for_a_corner_is_no_acceleration() {
-    // 100 mm/s along chords of 20 mm, each turned by 0.4° to the one before: the speed of an axis jumps by
-    // 0.5 mm/s, for which the limit of 10 mm/s² needs 50 ms.
+    // 100 mm/s along chords of 20 mm with corners of 0.4°. The speed of an axis jumps by 0.5 mm/s, for which the limit
+    // of 10 mm/s² needs 50 ms.
     let slow = Settings {
         acceleration_mm_s2: Axes::all(10.0),
         ..settings()
