@@ -3,8 +3,8 @@
 //! The core is pure. [`Lines`] divides received bytes into lines. [`Line`] is the meaning of a line: the
 //! [`Response`] to a statement, a status [`Report`], an alarm, an answer to a `$` statement. [`Sender`] knows when
 //! the machine has room for a statement, and which statement an answer belongs to. [`Status`] keeps the fields
-//! that only some reports have. Files, sockets and clocks are its caller's: with the feature `os` those of [`Link`], a serial port
-//! or a TCP address, and of [`Machine`], which asks and waits for what is answered.
+//! that only some reports have. Files, sockets and clocks belong to the caller: with the feature `os` to [`Link`],
+//! a serial port or a TCP address, and to [`Machine`], which sends requests and waits for answers.
 //!
 //! Positions, offsets and feeds are in the unit of the reports: mm and mm/min, or inches and inches/min where `$13`
 //! is 1; degrees for rotary axes. What only Leadscrew says is read where it comes, and never needed.
