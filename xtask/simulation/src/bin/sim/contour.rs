@@ -77,7 +77,7 @@ impl Stretch {
     }
 }
 
-/// A contour, and the feed moves of the tool beside it.
+/// A contour, and the feed moves of the tool on the offset path.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Contour {
     pub(crate) programmed: Vec<Stretch>,
