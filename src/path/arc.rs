@@ -16,7 +16,7 @@ pub(super) const PHASE_PER_RAD: f64 = 4_294_967_296.0 / TAU;
 
 /// Greatest distance between the start of an arc and the end of the block before, as a part of its
 /// radius, that becomes part of a spiral. Behind an arc of a smaller radius the end point is moved.
-/// Bounds the acceleration in `tests/motion/arcs.rs`, `arcs_behind_a_move_without_a_step_keep_the_limits`.
+/// Bounds the acceleration in `tests/motion/arcs.rs`, `arcs_after_a_move_without_a_step_keep_the_limits`.
 const SMALL_OFFSET: f64 = 0.05;
 /// The same for an offset of [`FEW_STEPS`] steps of either axis at most.
 const LARGE_OFFSET: f64 = 2.0;

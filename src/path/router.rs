@@ -32,7 +32,7 @@ use crate::{
 
 /// Greatest rotary displacement per mm of linear one of a path that is measured along the linear axes,
 /// degrees. Beyond, the length is that over the rotary axes: with jerk limits a distance is counted in
-/// nanometres, and steps were lost from 20 000 on (`a_turn_with_next_to_no_linear_way_reaches_its_end`).
+/// nanometres, and steps were lost from 20 000 on (`a_turn_with_hardly_any_linear_distance_reaches_its_end`).
 const MAX_ROTARY_PER_MM: f32 = 1.0e3;
 /// The same for a feed rate along the linear axes: beyond, it counts along the rotary ones.
 const MAX_ROTARY_PER_FEED_MM: f32 = 1.0e6;

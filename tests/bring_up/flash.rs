@@ -1,7 +1,7 @@
 //! Bytes that come while flash is erased and programmed, by the firmware's own code.
 //!
-//! The code takes the last sector of the chip that holds no settings for one of the settings: it holds nothing of
-//! this program, and maybe something of the firmware, which is written again afterwards anyway. Three times bytes
+//! The code uses the last sector without settings as a sector of the settings. The sector holds no part of this
+//! program. It may hold a part of the firmware, which is written again afterwards. Three times bytes
 //! come: while the sector is erased, while words are programmed, and while these are erased.
 
 #[path = "../../src/board/flash.rs"]

@@ -56,31 +56,31 @@ pub(super) fn read(facts: &mut Facts) {
 
 /// Returns the priority of the task that binds a vector.
 const fn bound(vector: &[u8]) -> u8 {
-    let mut at = behind(0, b"binds = ");
+    let mut at = after(0, b"binds = ");
     while !(is_at(at, vector) && APP_SOURCE[at + vector.len()] == b',') {
-        at = behind(at, b"binds = ");
+        at = after(at, b"binds = ");
     }
-    number(behind(at, b"priority = "))
+    number(after(at, b"priority = "))
 }
 
 /// Returns the priority of the software tasks, which have this dispatcher, and no other.
 const fn dispatched(vector: &[u8]) -> u8 {
-    let list = behind(0, b"dispatchers = [");
+    let list = after(0, b"dispatchers = [");
     assert!(is_at(list, vector) && APP_SOURCE[list + vector.len()] == b']');
-    let mut at = behind(list, b"#[task(");
+    let mut at = after(list, b"#[task(");
     loop {
         while APP_SOURCE[at].is_ascii_whitespace() {
             at += 1;
         }
         if is_at(at, b"priority = ") {
-            return number(behind(at, b"priority = "));
+            return number(after(at, b"priority = "));
         }
-        at = behind(at, b"#[task(");
+        at = after(at, b"#[task(");
     }
 }
 
 /// Returns the place behind the next such text; none stops the compiler.
-const fn behind(mut at: usize, text: &[u8]) -> usize {
+const fn after(mut at: usize, text: &[u8]) -> usize {
     while !is_at(at, text) {
         at += 1;
     }

@@ -128,8 +128,8 @@ const NEW_TICKS: u32 = 1024;
 /// A write this many cycles before the counter begins anew counts, and one so many after it does not.
 const CLEAR_CYCLES: i64 = 16;
 
-/// Writes the reload value around the instant at which the counter begins anew, without interrupts: the counter
-/// begins with the old value or with the new one, and with the one that was there at that instant.
+/// Writes the reload value around the reload of the counter, without interrupts. The counter must take the value that
+/// the register had at the reload, old or new.
 pub(super) fn reload_often(facts: &mut Facts) {
     let (mut new, mut old, mut wrong) = (0, 0, 0);
     let mut off = 0;

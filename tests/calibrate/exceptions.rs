@@ -93,14 +93,14 @@ pub(crate) fn measure(samples: &mut Samples) {
         let entered = ENTERED.load(Relaxed);
         let in_all = end.wrapping_sub(start).saturating_sub(without);
         let to_handler = entered.wrapping_sub(start).saturating_sub(without + BEFORE);
-        let rest = in_all.saturating_sub(to_handler + BEFORE + AFTER);
+        let exit_cycles = in_all.saturating_sub(to_handler + BEFORE + AFTER);
         let (start, end) = served(PEND_FLOAT);
         // The move and the branch of the other handler are 1 and 4 cycles.
         let more = end.wrapping_sub(start).saturating_sub(without + in_all + 5);
         // The first run fills the cache.
         if run > 0 {
             add(&mut entry, to_handler);
-            add(&mut exit, rest);
+            add(&mut exit, exit_cycles);
             add(&mut lazy, more.div_ceil(2));
         }
     }

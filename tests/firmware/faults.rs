@@ -1,5 +1,4 @@
-//! Faults: a task that hangs, a panic, a fault of the processor, a stack that is too deep, a crystal that stops, a
-//! supply that falls.
+//! Faults: a hanging task, a panic, a processor fault, a stack overflow, a stopped crystal, a falling supply.
 //!
 //! The instructions at the beginning of a task are replaced. The emulator has no watchdog, no crystal and no supply:
 //! a count of a timer stands in for the first, and for the others the task itself pends what they would.
@@ -159,7 +158,7 @@ fn a_task_that_hangs_is_ended_by_the_watchdog() {
 }
 
 #[test]
-fn a_fault_is_told_before_and_after_the_reset() {
+fn a_fault_is_reported_before_and_after_the_reset() {
     for (task, fault, cause, place) in [
         ("TIM1_BRK_TIM9", Fault::Undefined, "processor fault", ""),
         ("TIM4", Fault::Push, "processor fault", ""),
@@ -176,7 +175,7 @@ fn a_fault_is_told_before_and_after_the_reset() {
 }
 
 #[test]
-fn a_crystal_that_stops_is_told_after_the_reset() {
+fn a_crystal_that_stops_is_reported_after_the_reset() {
     if let Some((machine, lines)) = restart("SysTick", CRYSTAL_STOPS) {
         // Before it, the bits would be too long.
         assert!(

@@ -281,7 +281,7 @@ fn a_cycle_stays_until_another_motion_mode() {
 }
 
 #[test]
-fn what_a_cycle_lacks_is_told() {
+fn what_a_cycle_lacks_is_reported() {
     use LineError::{
         AxisCommandConflict, CycleNeedsFeedPerMinute, FeedUndefined, InvalidTarget,
         MachineCoordinatesMotion, MissingWord, ModalGroupViolation, NegativeValue, NotInteger,

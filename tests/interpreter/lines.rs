@@ -133,7 +133,7 @@ fn the_spindle_gets_a_command_when_its_state_or_its_speed_changes() {
 }
 
 #[test]
-fn program_end_restores_some_modes_and_keeps_the_rest() {
+fn program_end_restores_some_modes_and_keeps_the_others() {
     let mut machine = after(&[
         "G10L2P2X5",
         "G0G55G20G91G18M3M8F10S20T3",
@@ -174,7 +174,7 @@ fn m61_tells_the_tool_in_the_spindle_which_survives_a_reset() {
 }
 
 #[test]
-fn lines_wait_for_rest_where_grbl_synchronises() {
+fn lines_wait_for_standstill_where_grbl_synchronises() {
     let machine = after(&["F100S100M3M8", "G55", "G43.1Z1"]);
     let waits = |line: &str, laser: bool| {
         let settings = Settings {

@@ -55,14 +55,14 @@ fn a_reset_keeps_stored_offsets_and_the_position() {
 }
 
 #[test]
-fn g28_goes_by_way_of_the_target_and_moves_the_named_axes_only() {
+fn g28_passes_the_target_and_moves_the_named_axes_only() {
     let lines = ["G0X1Y2Z3", "G28.1", "G0X10Y20Z30"];
     let all = commands(&[&lines[..], &["G28"]].concat());
     assert_eq!(all, [line(um(1000, 2000, 3000), FeedRate::Rapid)]);
     let named = commands(&[&lines[..], &["G91G28Z5"]].concat());
-    let by_way_of = line(um(10_000, 20_000, 35_000), FeedRate::Rapid);
+    let intermediate = line(um(10_000, 20_000, 35_000), FeedRate::Rapid);
     let end = line(um(10_000, 20_000, 3_000), FeedRate::Rapid);
-    assert_eq!(named, [by_way_of, end]);
+    assert_eq!(named, [intermediate, end]);
 }
 
 #[test]

@@ -13,7 +13,7 @@ use proptest::prelude::*;
 
 use crate::support::{after, send, um};
 
-/// Does a line in one go, if it is plain; else returns the plain words that it begins with.
+/// Executes a plain line at once; of another line, returns the plain words at its beginning.
 fn plain(
     machine: &mut Interpreter,
     line: &str,
@@ -115,14 +115,14 @@ fn an_increment_counts_in_single_precision_from_where_the_position_was_set() {
     let mut set = after(&["G91G1X5Y5F100"]);
     set.set_position(um(12_300, -700, 0));
     for [x, y] in [["X0.002", "Y0.002"], ["X-1.7", "Y0.3"]] {
-        let ways: [fn(&mut Interpreter, &str, &Settings) -> Outcome; 2] = [
+        let readers: [fn(&mut Interpreter, &str, &Settings) -> Outcome; 2] = [
             |machine, line, settings| plain(machine, line, settings).unwrap().1,
             |machine, line, _| send(machine, line).unwrap(),
         ];
         let number = |word: &str| word[1..].parse::<f32>().unwrap();
         let expected = [12.3 + number(x), -0.7 + number(y)].map(f32::to_bits);
-        for way in ways {
-            let outcome = way(&mut set.clone(), &format!("{x}{y}"), &settings);
+        for execute_line in readers {
+            let outcome = execute_line(&mut set.clone(), &format!("{x}{y}"), &settings);
             assert_eq!(single_mm(&outcome)[..2], expected, "{x}{y}");
         }
     }
@@ -204,7 +204,7 @@ fn comments_and_lower_case_may_stand_between_plain_words() {
 }
 
 #[test]
-fn a_line_that_is_cut_off_changes_nothing_and_may_be_plain_yet() {
+fn a_truncated_line_changes_nothing_and_may_be_plain_yet() {
     let line = "G1 F100 X-1.5 Y2\nG0";
     let settings = Settings::default();
     let mut machine = Interpreter::new();

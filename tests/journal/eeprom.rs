@@ -187,9 +187,9 @@ fn a_loss_of_power_at_any_byte_leaves_the_old_or_the_new() {
         let new = history.contents.clone();
         let all = store(cells.clone(), change, &new).written - cells.written;
         for after in 0..all {
-            let mut cut = cells.clone();
-            cut.cut_after(after, round * 1000 + after);
-            let left = on(store(cut, change, &new));
+            let mut interrupted = cells.clone();
+            interrupted.cut_after(after, round * 1000 + after);
+            let left = on(store(interrupted, change, &new));
             let (mut store, loaded) = power_up(left).unwrap();
             assert!(!loaded.is_first_boot, "round {round}, after {after}");
             assert!(
@@ -249,9 +249,9 @@ fn restoring_everything_is_one_change_of_an_eeprom() {
     let all = store(cells.clone(), Change::RestoreAll, &new).written - cells.written;
     assert!(all > 0);
     for after in 0..=all {
-        let mut cut = cells.clone();
-        cut.cut_after(after, after);
-        let left = on(store(cut, Change::RestoreAll, &new));
+        let mut interrupted = cells.clone();
+        interrupted.cut_after(after, after);
+        let left = on(store(interrupted, Change::RestoreAll, &new));
         let (_, loaded) = power_up(left).unwrap();
         assert!(loaded.contents == old || loaded.contents == new, "{after}");
     }

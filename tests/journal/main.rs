@@ -3,11 +3,11 @@
 
 #[path = "../support/cases.rs"]
 mod cases;
-mod cuts;
 mod damage;
 mod eeprom;
 mod history;
 mod postponed;
+mod power_cuts;
 // The document has the sizes with three axes.
 #[cfg(not(feature = "axes-4"))]
 mod sizes;

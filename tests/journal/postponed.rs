@@ -53,15 +53,15 @@ fn store_waiting(
     flash: Small,
     waiting: WaitingChanges,
     contents: &Contents,
-    cut: Option<(u64, u64)>,
+    power_off: Option<(u64, u64)>,
 ) -> (Small, bool) {
     let (mut journal, _) = power_up(flash);
-    if let Some((after, seed)) = cut {
+    if let Some((after, seed)) = power_off {
         journal.flash().cut_after(after, seed);
     }
-    let mut rest = waiting;
-    while let Some(change) = rest.first() {
-        rest.remove(change);
+    let mut remaining = waiting;
+    while let Some(change) = remaining.first() {
+        remaining.remove(change);
         if write(&mut journal, change, contents).is_err() {
             break;
         }
@@ -99,18 +99,19 @@ fn what_waits_is_stored_later_and_a_loss_of_power_before_leaves_what_was_stored(
 
 #[test]
 fn a_loss_of_power_while_what_waits_is_stored_leaves_old_or_new_records() {
-    let mut cuts = 0;
+    let mut interruptions = 0;
     for seed in 0..rounds(6) {
         let mut history = History::new(2000 + seed);
         let flash = used(&mut history);
         let (flash, in_effect, waiting) = change_until_some_wait(flash, &mut history);
         for after in 0.. {
-            let cut = Some((after, seed * 1000 + after));
-            let (left, is_off) = store_waiting(flash.clone(), waiting, &history.contents, cut);
+            let power_off = Some((after, seed * 1000 + after));
+            let (left, is_off) =
+                store_waiting(flash.clone(), waiting, &history.contents, power_off);
             if !is_off {
                 break;
             }
-            cuts += 1;
+            interruptions += 1;
             let (_, loaded) = power_up(left);
             assert!(!loaded.is_first_boot, "seed {seed}, after {after}");
             assert!(
@@ -120,7 +121,7 @@ fn a_loss_of_power_while_what_waits_is_stored_leaves_old_or_new_records() {
             );
         }
     }
-    assert!(cuts > 300, "{cuts}");
+    assert!(interruptions > 300, "{interruptions}");
 }
 
 #[test]

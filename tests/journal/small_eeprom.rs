@@ -103,9 +103,9 @@ fn a_loss_of_power_at_any_byte_of_4_kib_leaves_the_old_or_the_new() {
         let new = history.contents.clone();
         let all = store(cells.clone(), change, &new).written - cells.written;
         for after in 0..all {
-            let mut cut = cells.clone();
-            cut.cut_after(after, round * 1000 + after);
-            let left = contents(on(store(cut, change, &new)));
+            let mut interrupted = cells.clone();
+            interrupted.cut_after(after, round * 1000 + after);
+            let left = contents(on(store(interrupted, change, &new)));
             assert!(
                 left == old || left == new,
                 "round {round}, {change:?}, after {after}"

@@ -270,7 +270,7 @@ fn a_clock_that_is_held_low_for_a_while_is_waited_for() {
 }
 
 #[test]
-fn a_read_that_a_reset_has_cut_off_holds_nothing_up() {
+fn a_read_that_a_reset_has_interrupted_delays_nothing() {
     for edges in 0..40 {
         let mut chip = Chip::new(Cells::new());
         chip.cells.bytes[5] = 0;
@@ -308,7 +308,7 @@ fn everything_is_stored_over_the_wires() {
 }
 
 #[test]
-fn an_eeprom_that_goes_away_is_an_error_and_is_used_again_when_it_is_back() {
+fn an_eeprom_that_disappears_is_an_error_and_is_used_again_when_it_is_back() {
     let (mut store, _) = power_up(eeprom()).unwrap();
     store.eeprom().wires().is_missing = true;
     let mut history = History::new(9);

@@ -130,7 +130,7 @@ proptest! {
     #![proptest_config(cases(16))]
 
     #[test]
-    fn the_position_after_a_cut_is_what_the_pins_did(
+    fn the_position_after_a_cancelled_motion_is_what_the_pins_did(
         points in prop::collection::vec(prop::array::uniform3(-10.0_f64..10.0), 1..6),
         feed in 10.0_f32..5000.0,
         at_us in 0_u32..2_000_000,

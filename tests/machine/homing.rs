@@ -21,12 +21,12 @@ fn machine() -> Settings {
 }
 
 /// Mounts a switch for each of the first three axes so many steps away.
-fn mount(cell: &mut Cell, settings: &Settings, away: [i32; 3]) {
-    for (axis, away) in away.into_iter().enumerate() {
+fn mount(cell: &mut Cell, settings: &Settings, distance: [i32; 3]) {
+    for (axis, distance) in distance.into_iter().enumerate() {
         let closes = if settings.homing_direction >> axis & 1 == 0 {
-            Closes::From(away)
+            Closes::From(distance)
         } else {
-            Closes::DownFrom(-away)
+            Closes::DownFrom(-distance)
         };
         cell.mount(axis, closes, Levels::limits(1 << axis));
     }
@@ -49,12 +49,12 @@ fn every_axis_ends_a_pull_off_from_its_switch() {
             ..machine()
         };
         let mut cell = Cell::new(&settings);
-        let away = [1600, 1200, 800];
-        mount(&mut cell, &settings, away);
+        let distance = [1600, 1200, 800];
+        mount(&mut cell, &settings, distance);
         home(&mut cell, 0);
         assert_eq!(cell.state(), State::Idle);
         assert_eq!(cell.alarms(), []);
-        for (axis, away) in away.into_iter().enumerate() {
+        for (axis, distance) in distance.into_iter().enumerate() {
             let is_negative = homing_direction >> axis & 1 != 0;
             let (home, sign) = if is_negative {
                 ((-200 + 1) * 80, -1)
@@ -62,7 +62,7 @@ fn every_axis_ends_a_pull_off_from_its_switch() {
                 (-80, 1)
             };
             assert_eq!(cell.snapshot().steps[axis], home, "axis {axis}");
-            assert_eq!(cell.physical()[axis], sign * (away - 80), "axis {axis}");
+            assert_eq!(cell.physical()[axis], sign * (distance - 80), "axis {axis}");
         }
         cell.trace.check_pulses();
         check_limits(&settings, &cell.trace);
@@ -329,7 +329,7 @@ proptest! {
 
     #[test]
     fn any_machine_comes_home(
-        away in prop::array::uniform3(50_i32..4000),
+        distance in prop::array::uniform3(50_i32..4000),
         direction in 0_u8..8,
         seek in 100.0_f32..5000.0,
         feed in 20.0_f32..400.0,
@@ -349,13 +349,13 @@ proptest! {
             ..machine()
         };
         let mut cell = Cell::new(&settings);
-        mount(&mut cell, &settings, away);
+        mount(&mut cell, &settings, distance);
         home(&mut cell, 0);
         prop_assert_eq!(cell.alarms(), []);
         let pull_off_steps = (pull_off * 80.0).round() as i32;
-        for (axis, away) in away.into_iter().enumerate() {
+        for (axis, distance) in distance.into_iter().enumerate() {
             let sign = if direction >> axis & 1 == 0 { 1 } else { -1 };
-            prop_assert_eq!(cell.physical()[axis], sign * (away - pull_off_steps));
+            prop_assert_eq!(cell.physical()[axis], sign * (distance - pull_off_steps));
         }
         cell.trace.check_pulses();
         check_limits(&settings, &cell.trace);

@@ -144,7 +144,7 @@ fn a_missed_probe_is_answered_as_by_grbl() {
 }
 
 #[test]
-fn a_hard_limit_is_told_and_waits_for_a_reset() {
+fn a_hard_limit_is_reported_and_waits_for_a_reset() {
     let mut machine = Machine::with(&Settings {
         hard_limits: true,
         ..fast()

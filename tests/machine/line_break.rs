@@ -97,7 +97,7 @@ fn a_line_that_is_low_for_less_than_a_break_holds_nothing() {
 }
 
 #[test]
-fn looks_that_always_find_a_low_bit_of_a_byte_hold_nothing() {
+fn samples_that_always_find_a_low_bit_of_a_byte_hold_nothing() {
     // At these rates a byte of ten bits comes at least once in a period or two.
     for baud in [9600_u64, 115_200, 1_000_000] {
         let mut machine = machine_at("G1X10F600\n");
@@ -166,7 +166,7 @@ fn a_break_while_the_spindle_is_restored_after_the_door_holds_the_motion_that_fo
 }
 
 #[test]
-fn a_break_while_the_door_is_dropped_holds_the_lines_that_wait_behind_a_pause() {
+fn a_break_while_the_door_is_dropped_holds_the_lines_that_wait_after_a_pause() {
     let mut machine = machine_at("M3S1000\nG1X1F6000\nM0\nG1X2\nG1X3\n");
     machine.run(5000);
     assert_eq!(machine.state(), State::HoldComplete);
@@ -180,7 +180,7 @@ fn a_break_while_the_door_is_dropped_holds_the_lines_that_wait_behind_a_pause() 
 }
 
 #[test]
-fn a_break_while_homing_holds_the_lines_that_wait_behind_it() {
+fn a_break_while_homing_holds_the_lines_that_wait_after_it() {
     for waiting in ["", "G53G1X-5F6000\n"] {
         let mut machine = machine_at("");
         home_through_break(&mut machine, &format!("$H\n{waiting}"));
@@ -201,7 +201,7 @@ fn a_break_while_homing_holds_the_lines_that_wait_behind_it() {
 }
 
 #[test]
-fn what_waits_behind_a_jog_that_is_being_ended_is_held() {
+fn what_waits_after_a_jog_that_is_being_ended_is_held() {
     let mut machine = machine_at("$J=X-20F500\n");
     machine.run(2000);
     machine.send_for([0x85], 10);
@@ -236,7 +236,7 @@ fn jogs_that_wait_are_held() {
 }
 
 #[test]
-fn a_startup_line_behind_homing_is_held() {
+fn a_startup_line_after_homing_is_held() {
     let mut machine = machine_at("$N0=G53G1X-20F500\n");
     machine.run(60_000);
     home_through_break(&mut machine, "$H\n");
@@ -245,7 +245,7 @@ fn a_startup_line_behind_homing_is_held() {
 }
 
 #[test]
-fn a_line_that_has_waited_for_the_operator_is_held_behind_the_door() {
+fn a_line_that_has_waited_for_the_operator_is_held_after_the_door() {
     let mut machine = machine_at("M3S1000G1X1F500\n");
     machine.run(5000);
     for line in ["M6T2\n", "~", "M8\n", "G1X20\n"] {
@@ -267,7 +267,7 @@ fn a_line_that_has_waited_for_the_operator_is_held_behind_the_door() {
 }
 
 #[test]
-fn a_jog_behind_homing_in_a_change_of_the_tool_is_held() {
+fn a_jog_after_homing_in_a_change_of_the_tool_is_held() {
     let mut machine = machine_at("M6T2\n");
     machine.send_for([0xa3], 100);
     assert_eq!(machine.state(), State::Tool);
@@ -289,7 +289,7 @@ fn a_reset_ends_a_break_that_has_held_nothing_yet() {
 }
 
 #[test]
-fn a_break_in_an_alarm_holds_the_move_that_waits_behind_its_unlocking() {
+fn a_break_in_an_alarm_holds_the_move_that_waits_after_its_unlocking() {
     let mut machine = machine_at("G1X100F6000\n");
     machine.run(200);
     machine.send_for([0x18], 1);

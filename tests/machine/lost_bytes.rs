@@ -170,7 +170,7 @@ fn nothing_of_a_numbered_line_is_executed_that_has_lost_bytes() {
 }
 
 #[test]
-fn a_line_whose_comment_looks_like_a_checksum_is_held_for() {
+fn a_line_whose_comment_resembles_a_checksum_is_held_for() {
     for line in ["G1Z5;size5*3\n", "G1Z5(5*3)\n"] {
         let mut machine = Machine::new(&["780=2"]);
         send_text(&mut machine, "G1X10F600\n");

@@ -106,7 +106,7 @@ fn defaults_are_restored_while_an_offset_waits() {
 }
 
 #[test]
-fn what_has_waited_and_cannot_be_stored_is_told() {
+fn what_has_waited_and_cannot_be_stored_is_reported() {
     let (mut machine, index) = machine_with_full_flash();
     machine.flash().cut_after(0, 1);
     let answer = machine.exchange("M5\nG4 P0.1\n");

@@ -89,13 +89,13 @@ fn a_power_cut_while_storing_leaves_the_old_or_the_new() {
         let mut machine = Machine::new(&[]);
         machine.flash().cut_after(after, after);
         machine.exchange("$110=700\n");
-        let is_cut = machine.flash().is_off();
+        let is_off = machine.flash().is_off();
         let mut machine = machine.cycle_power();
         machine.exchange("");
         let settings = machine.exchange("$$\n");
         let is_new = settings.contains("$110=700.000\r\n$111=500.000");
         let is_old = settings.contains("$110=500.000\r\n$111=500.000");
-        assert!(is_new || (is_old && is_cut), "after {after}: {settings}");
+        assert!(is_new || (is_old && is_off), "after {after}: {settings}");
     }
 }
 
@@ -183,7 +183,7 @@ fn without_its_crystal_a_machine_says_so_and_does_not_move() {
 }
 
 #[test]
-fn what_the_self_test_has_found_is_told_with_the_frequency_of_a_wrong_crystal() {
+fn what_the_self_test_has_found_is_reported_with_the_frequency_of_a_wrong_crystal() {
     let other = SelfTestFault::OtherCrystal {
         khz: 11_987,
         expected_khz: 8_000,
@@ -200,7 +200,7 @@ fn what_the_self_test_has_found_is_told_with_the_frequency_of_a_wrong_crystal() 
 }
 
 #[test]
-fn after_the_watchdog_or_a_fault_the_position_is_lost_and_the_cause_told() {
+fn after_the_watchdog_or_a_fault_the_position_is_lost_and_the_cause_reported() {
     for cause in ResetCause::ALL {
         for homing in [false, true] {
             let settings = Settings {

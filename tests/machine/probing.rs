@@ -47,7 +47,7 @@ fn position_when(cell: &Cell, holds: impl Fn(&Axes<i32>) -> bool) -> Axes<i32> {
 }
 
 #[test]
-fn the_contact_is_told_and_the_machine_slows_down() {
+fn the_contact_is_reported_and_the_machine_slows_down() {
     let mut cell = cell();
     cell.probe(&[0.0, 0.0, -10.0], 600.0, TOWARDS);
     assert_eq!(cell.state(), State::Run);
@@ -219,7 +219,7 @@ fn the_door_holds_a_probing_move() {
 }
 
 #[test]
-fn a_miss_that_is_held_at_its_end_is_told_when_it_goes_on() {
+fn a_miss_that_is_held_at_its_end_is_reported_when_it_goes_on() {
     const DOOR: u8 = 0x84;
     // At 10 mm/s, 0.1 mm before the target the machine slows down in any case.
     for stop in [b'!', DOOR] {

@@ -107,7 +107,7 @@ fn a_hold_interrupts_the_program() {
 }
 
 #[test]
-fn cycle_start_does_nothing_without_the_setting_or_beside_other_work() {
+fn cycle_start_does_nothing_without_the_setting_or_during_other_work() {
     let mut machine = with_program(&[]);
     machine.send_for(b"~", 1000);
     assert_eq!(

@@ -92,7 +92,7 @@ fn machine_at(stage: Stage) -> Machine {
         machine.run(60);
         assert_eq!(machine.state(), state, "{stage:?}");
     };
-    let rests = |machine: &mut Machine, state| {
+    let stands_still = |machine: &mut Machine, state| {
         machine.run_until(|machine| machine.state() == state && machine.is_at_rest());
     };
     send_line(&mut machine, "G1X-12F600");
@@ -106,7 +106,7 @@ fn machine_at(stage: Stage) -> Machine {
         moves(&mut machine, State::Run);
         return machine;
     }
-    rests(&mut machine, State::HoldComplete);
+    stands_still(&mut machine, State::HoldComplete);
     assert_eq!(machine.outputs().spindle, Spindle::Off);
     if stage == Stage::Waiting {
         return machine;
@@ -123,13 +123,13 @@ fn machine_at(stage: Stage) -> Machine {
     if stage == Stage::Jogging {
         return machine;
     }
-    rests(&mut machine, State::Tool);
+    stands_still(&mut machine, State::Tool);
     send_line(&mut machine, "G38.3Z-15F300");
     moves(&mut machine, State::Run);
     if stage == Stage::Probing {
         return machine;
     }
-    rests(&mut machine, State::Tool);
+    stands_still(&mut machine, State::Tool);
     press(&mut machine, b'~');
     moves(&mut machine, State::Run);
     if stage == Stage::After {

@@ -342,7 +342,7 @@ fn check_nudged(acceleration: f32, ramp_s: f32, commands: &[Command]) {
 }
 
 #[test]
-fn a_small_arc_behind_a_move_without_a_step_ends_without_a_jump() {
+fn a_small_arc_after_a_move_without_a_step_ends_without_a_jump() {
     let angles = [0.0, 0.3];
     let commands = after_nudge([0.0, -0.436], 0.050_66, angles, Rotation::Clockwise, 1);
     check_nudged(100.0, 0.0, &commands);
@@ -352,7 +352,7 @@ proptest! {
     #![proptest_config(cases(24))]
 
     #[test]
-    fn arcs_behind_a_move_without_a_step_keep_the_limits(
+    fn arcs_after_a_move_without_a_step_keep_the_limits(
         nudge in prop::array::uniform2(-0.49..0.49_f64),
         radius in prop_oneof![0.005..0.1_f64, 0.1..1.0, 1.0..20.0],
         from in 0.0..TAU,

@@ -105,7 +105,7 @@ fn check_ends(executed: &Executed, tool_path: &ToolPath) -> Result<(), TestCaseE
 }
 
 #[test]
-fn path_control_rounds_the_way_of_the_cutter() {
+fn path_control_rounds_the_tool_path() {
     let form = Form {
         is_fine: false,
         is_inch: false,

@@ -222,8 +222,8 @@ proptest! {
 fn a_line_in_parts_before_a_slower_one_takes_no_longer_than_in_one() {
     let settings = machine(10_000.0);
     let seconds = |ends: &[f64]| {
-        let ways = ends.iter().map(|end| line(&[*end], 4000.0));
-        let mut moves: Vec<_> = ways.collect();
+        let lines = ends.iter().map(|end| line(&[*end], 4000.0));
+        let mut moves: Vec<_> = lines.collect();
         moves.push(line(&[9.0], 1200.0));
         let trace = Rig::play(&settings, &number(&moves));
         check_limits(&settings, &trace);

@@ -346,8 +346,8 @@ proptest! {
 #[test]
 fn an_override_that_comes_with_a_segment_due_brakes_within_the_limits() {
     let settings = with(&[80.0], &[6000.0], &[500.0]);
-    let ways = (1..=120).map(|k| line(&[0.4 * f64::from(k)], 6000.0));
-    let commands = number(&ways.collect::<Vec<_>>());
+    let lines = (1..=120).map(|k| line(&[0.4 * f64::from(k)], 6000.0));
+    let commands = number(&lines.collect::<Vec<_>>());
     for edges in (1..60).step_by(3) {
         let mut rig = Rig::new(&settings);
         for command in &commands {
@@ -363,7 +363,7 @@ fn an_override_that_comes_with_a_segment_due_brakes_within_the_limits() {
             rig.trace.push(edge, 0);
         }
         rig.receive(Override::FeedLess as u8);
-        rig.run_to_rest();
+        rig.run_to_standstill();
         check_limits(&settings, &rig.trace);
         assert_eq!(rig.trace.net_steps(), rig.snapshot().steps);
     }

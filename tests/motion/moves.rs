@@ -75,7 +75,7 @@ fn the_same_program_twice_makes_the_same_trace() {
 }
 
 #[test]
-fn an_end_half_way_between_two_steps_is_where_grbl_goes() {
+fn an_end_exactly_between_two_steps_is_where_grbl_goes() {
     let settings = with(&[250.0], &[6000.0], &[500.0]);
     // In single precision it is a little less than half-way.
     let trace = check(&settings, &[line(&[-0.014], 3000.0)]);
@@ -170,7 +170,7 @@ fn a_move_that_comes_before_a_standstill_is_over_begins_with_a_start() {
         rig.run_to(until_ms * u64::from(TICKS_PER_MS));
     }
     assert!(!rig.snapshot().is_at_rest);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(rig.trace.starts.len(), 2);
     assert_eq!(rig.snapshot().steps.0[0], 640);
     rig.trace.check_pulses();

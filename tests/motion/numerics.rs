@@ -295,7 +295,7 @@ fn play(settings: &Settings, commands: &[Command], most_events: u32) {
 }
 
 #[test]
-fn a_tiny_arc_behind_a_move_without_a_step_keeps_the_rates() {
+fn a_tiny_arc_after_a_move_without_a_step_keeps_the_rates() {
     let mut steps = Axes::all(1_000_000);
     steps[2] = 100_000_000_000;
     let settings = Settings {
@@ -356,7 +356,7 @@ proptest! {
     #![proptest_config(cases(64))]
 
     #[test]
-    fn nothing_that_can_be_set_or_programmed_panics_hangs_or_runs_away(
+    fn nothing_that_can_be_set_or_programmed_panics_hangs_or_diverges(
         settings in settings(),
         moves in moves(),
         events in 1..3000_u32,

@@ -38,7 +38,7 @@ fn exact_path_is_the_mode_at_power_up() {
 }
 
 #[test]
-fn exact_stop_comes_to_rest_at_the_end_of_every_move() {
+fn exact_stop_stands_still_at_the_end_of_every_move() {
     let settings = fast();
     let corners = [
         "G1X10F1200",
@@ -152,36 +152,40 @@ fn what_is_held_back_does_not_slow_the_machine_down() {
 }
 
 /// Lines that wait until everything before them has been done.
-const RESTS: [&str; 5] = ["M2\n", "G4P0\n", "M8\n", "G92X0\n", "G10L20P2X0\n"];
+const STANDSTILLS: [&str; 5] = ["M2\n", "G4P0\n", "M8\n", "G92X0\n", "G10L20P2X0\n"];
 
 #[test]
-fn a_line_before_a_rest_goes_on_without_a_stop() {
+fn a_line_before_a_standstill_continues_without_a_stop() {
     let settings = fast();
     let mut exact = Machine::with(&settings);
     exact.send_for("G1X20F3000\nX40\n", 3000);
-    for rest in RESTS {
+    for standstill in STANDSTILLS {
         let mut machine = Machine::with(&settings);
         // Nothing else comes, nor is anything sent, after the line that waits.
         machine
             .send_for("G1X20F3000\nG64P.02\nX40\n", 100)
-            .send_for(rest, 3000);
-        assert_eq!(machine.xyz(), exact.xyz(), "{rest}");
+            .send_for(standstill, 3000);
+        assert_eq!(machine.xyz(), exact.xyz(), "{standstill}");
         let slower = slower_s(&machine, &exact);
-        assert!(slower.abs() < 0.002, "{rest}: {slower} s");
+        assert!(slower.abs() < 0.002, "{standstill}: {slower} s");
     }
 }
 
 #[test]
 fn a_line_without_a_step_does_not_hold_up_what_waits_for_it() {
-    for rest in RESTS {
+    for standstill in STANDSTILLS {
         for before_ms in [0, 100, 1000] {
             let mut machine = Machine::with(&fast());
             machine.send_for("G1X10F1200\nG64\nX10.001\n", before_ms);
-            machine.send_for(rest, 2000);
-            assert!(is_at_rest(&machine), "{rest}");
-            assert_eq!(machine.xyz(), [800, 0, 0], "{rest}");
+            machine.send_for(standstill, 2000);
+            assert!(is_at_rest(&machine), "{standstill}");
+            assert_eq!(machine.xyz(), [800, 0, 0], "{standstill}");
             let received = received(&mut machine);
-            assert_eq!(received.matches("ok").count(), 4, "{rest}: {received}");
+            assert_eq!(
+                received.matches("ok").count(),
+                4,
+                "{standstill}: {received}"
+            );
         }
     }
 }
@@ -338,15 +342,15 @@ proptest! {
         }
         machine.send_for(b"~\x90\x95", 100);
         // At rest for so long, nothing may be held back any more.
-        let mut rests = 0;
+        let mut standstills = 0;
         for _ in 0..600 {
             machine.send_for("~", 100);
-            rests = if is_at_rest(&machine) { rests + 1 } else { 0 };
-            if rests == 3 {
+            standstills = if is_at_rest(&machine) { standstills + 1 } else { 0 };
+            if standstills == 3 {
                 break;
             }
         }
-        prop_assert_eq!(rests, 3);
+        prop_assert_eq!(standstills, 3);
         prop_assert!(!machine.received.contains("error"), "{}", machine.received);
         let (place, ..) = lines[lines.len() - 1];
         let steps = place.map(|hundredths| (f64::from(hundredths) * 0.8).round() as i32);

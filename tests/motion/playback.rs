@@ -78,7 +78,7 @@ fn segments_tell_the_kind_the_line_and_the_programmed_speed() {
 }
 
 #[test]
-fn homing_and_probing_are_told_apart() {
+fn homing_and_probing_are_distinguished() {
     let mut settings = fast();
     for statement in ["22=1", "27=1", "130=40", "131=40", "132=40"] {
         assign(&mut settings, statement.as_bytes()).unwrap();

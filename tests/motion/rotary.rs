@@ -102,7 +102,7 @@ fn the_feed_of_an_arc_is_that_of_its_linear_axes() {
 }
 
 #[test]
-fn a_turn_with_next_to_no_linear_way_reaches_its_end() {
+fn a_turn_with_hardly_any_linear_distance_reaches_its_end() {
     for ramp_s in [0.0, 0.05] {
         let settings = settings(ramp_s);
         for target in [
@@ -153,12 +153,12 @@ fn moves() -> impl Strategy<Value = Vec<Command>> {
     prop::collection::vec(one, 1..12).prop_map(|moves| {
         let mut position = [0.0; 6];
         let mut commands = Vec::new();
-        for (ways, turns, feed_rate, bulge) in moves {
-            for (axis, displacement) in ways.into_iter().chain(turns).enumerate() {
+        for (linear, turns, feed_rate, bulge) in moves {
+            for (axis, displacement) in linear.into_iter().chain(turns).enumerate() {
                 position[axis] += displacement;
             }
             let target = at(&position[..AXES]);
-            let [x, y, _] = ways;
+            let [x, y, _] = linear;
             commands.push(match bulge {
                 Some(bulge) if x != 0.0 && y != 0.0 => Command::Arc {
                     target: target.into(),

@@ -155,7 +155,7 @@ fn a_corner_is_rounded_as_far_from_it_as_is_asked_for() {
 }
 
 #[test]
-fn a_corner_behind_another_tolerance_is_where_its_lines_meet() {
+fn a_corner_after_another_tolerance_is_where_its_lines_meet() {
     let (sine, cosine) = 60.0_f64.to_radians().sin_cos();
     let commands = [
         line(&[0.0, 10.0], 5000.0),
@@ -230,7 +230,7 @@ fn short_lines_become_one_within_the_tolerance() {
 }
 
 #[test]
-fn lines_of_other_feeds_axes_and_paces_stay_apart() {
+fn lines_of_other_feeds_axes_and_paces_are_not_merged() {
     let rapid = support::line_at(support::at(&[2.0]), leadscrew::model::FeedRate::Rapid);
     let timed = leadscrew::model::FeedRate::InverseTime(10.0);
     let timed = support::line_at(support::at(&[4.0]), timed);
@@ -271,7 +271,7 @@ fn flat_arcs_become_lines_and_others_stay() {
 }
 
 #[test]
-fn a_corner_behind_a_line_without_a_step_ends_without_a_jump() {
+fn a_corner_after_a_line_without_a_step_ends_without_a_jump() {
     // Of each line of a millimetre, the corners leave less than a step.
     let settings = fast();
     for begin in [0.0, 0.003, 0.006] {
@@ -312,7 +312,7 @@ fn a_corner_behind_a_line_without_a_step_ends_without_a_jump() {
 }
 
 #[test]
-fn two_lines_for_nearly_half_a_turn_are_no_farther_than_they_are_told_to_be() {
+fn two_lines_for_nearly_half_a_turn_keep_the_tolerance() {
     let radius_mm = 9.8e-3;
     let angle = 170.0_f64.to_radians();
     let end = [radius_mm * (1.0 - angle.cos()), -radius_mm * angle.sin()];
@@ -369,7 +369,7 @@ proptest! {
     #![proptest_config(cases(12))]
 
     #[test]
-    fn no_path_is_farther_away_than_is_asked_for(
+    fn no_path_deviates_more_than_is_asked_for(
         commands in programs(),
         tolerance_um in prop::sample::select(vec![5_u32, 20, 100]),
         merging_um in prop::sample::select(vec![0_u32, 3, 20, 100]),
@@ -384,7 +384,7 @@ proptest! {
     }
 
     #[test]
-    fn no_path_is_farther_away_than_is_asked_for_where_that_changes(
+    fn no_path_deviates_more_than_is_asked_for_where_that_changes(
         commands in programs(),
         controls in prop::collection::vec((0_u32..100, 0_u32..100, 1_usize..6), 1..8),
     ) {

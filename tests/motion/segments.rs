@@ -71,14 +71,14 @@ fn check_smooth(segments: &[Begin], ramp_s: f32) -> Result<(), TestCaseError> {
 
 fn check_mean(segments: &[Begin], mean: u32, saved: u32) -> Result<(), TestCaseError> {
     let most = saved * mean;
-    let mut spare = most;
+    let mut slack = most;
     for pair in segments.windows(2) {
         let ticks = pair[1].ticks.wrapping_sub(pair[0].ticks);
         prop_assert!(ticks <= LONGEST_TICKS, "{ticks} at {}", pair[0].ticks);
         // Rounded to ticks.
-        spare = (spare + ticks + 1).min(most);
-        prop_assert!(spare >= mean, "at {} of {segments:?}", pair[0].ticks);
-        spare -= mean;
+        slack = (slack + ticks + 1).min(most);
+        prop_assert!(slack >= mean, "at {} of {segments:?}", pair[0].ticks);
+        slack -= mean;
     }
     Ok(())
 }
@@ -366,7 +366,7 @@ fn a_tool_path_of_long_and_very_short_lines_makes_no_burst_of_segments() {
 }
 
 #[test]
-fn short_lines_after_an_arc_that_ends_behind_a_reversal_make_no_burst_of_segments() {
+fn short_lines_after_an_arc_that_ends_after_a_reversal_make_no_burst_of_segments() {
     let mut chords = vec![(0.1, 3.15); 53];
     chords.extend([
         (1.25, 6.12),

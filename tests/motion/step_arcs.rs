@@ -339,7 +339,7 @@ fn the_third_axis_of_a_helix_follows_the_area() {
 }
 
 #[test]
-fn arcs_beside_whole_steps_are_the_native_ones_and_reported() {
+fn arcs_off_whole_steps_are_the_native_ones_and_reported() {
     let on_steps = Arc {
         start: [10, 0],
         end: [0, 10],

@@ -196,7 +196,7 @@ fn what_has_no_place_beside_the_path_is_refused_until_g40() {
 }
 
 #[test]
-fn what_waits_behind_a_move_is_done_at_the_corner_and_no_more_than_fits() {
+fn what_waits_after_a_move_is_done_at_the_corner_and_no_more_than_fits() {
     let mut bench = Bench::new();
     let mut at = [0; 3];
     for line in ["F600", "G41.1D4", "G1X10", "X20"] {
@@ -253,7 +253,7 @@ fn path_control_changes_for_what_comes_after_the_move_that_waits() {
 }
 
 #[test]
-fn the_program_pauses_and_ends_beside_the_path() {
+fn the_program_pauses_and_ends_on_the_offset_path() {
     let mut bench = Bench::new();
     let mut at = [0; 3];
     for line in ["F600", "G41.1D4", "G1X10", "X20"] {

@@ -40,11 +40,11 @@ fn assert_gone(machine: &mut Machine, what: &str) {
     assert!(!modes.contains(" G41"), "{what}: {modes}");
     let before = machine.physical_steps();
     execute(machine, "G4P0.01");
-    machine.run_to_rest();
+    machine.run_to_standstill();
     assert_true(machine, what);
     assert_eq!(machine.physical_steps(), before, "{what}");
     assert_eq!(execute(machine, "G91G0Z-1"), ["ok"], "{what}");
-    machine.run_to_rest();
+    machine.run_to_standstill();
     assert_true(machine, what);
     let mut moved = before;
     moved[Z] -= 5;
@@ -69,7 +69,7 @@ fn a_reset_at_any_stage_keeps_the_position_and_ends_the_contour() {
 fn a_limit_switch_at_any_stage_ends_the_contour() {
     DISTURBED.at_each_stage(|mut machine, stage| {
         machine.set_pin(Levels::limits(1), true);
-        machine.run_to_rest();
+        machine.run_to_standstill();
         let what = format!("limit at {stage}");
         let lines = machine.lines();
         assert!(lines.contains(&"ALARM:1".to_owned()), "{what}: {lines:?}");
@@ -94,7 +94,7 @@ fn the_travel_is_that_of_the_cutter_and_not_of_the_contour() {
     ] {
         assert_eq!(execute(&mut machine, line), ["ok"], "{line}");
     }
-    machine.run_to_rest();
+    machine.run_to_standstill();
     assert_true(&machine, "inside");
     // The contour stays inside, and the cutter would leave at its far corner.
     let mut machine = DISTURBED.ready();
@@ -108,9 +108,9 @@ fn the_travel_is_that_of_the_cutter_and_not_of_the_contour() {
 }
 
 #[test]
-fn a_sender_that_leaves_the_machine_standing_in_a_contour_is_told_so_once_after_a_second() {
+fn a_sender_that_leaves_the_machine_standing_in_a_contour_gets_one_message_after_a_second() {
     let mut undisturbed = DISTURBED.sent();
-    undisturbed.run_to_rest();
+    undisturbed.run_to_standstill();
     let end = undisturbed.physical_steps();
     // Nobody has left a machine that gets line after line.
     assert_eq!(undisturbed.lines(), ["ok"; CONTOUR.len()]);
@@ -118,16 +118,16 @@ fn a_sender_that_leaves_the_machine_standing_in_a_contour_is_told_so_once_after_
     for (index, line) in CONTOUR.iter().enumerate() {
         // Answered although nothing follows: who waits for each answer never stands still for good.
         assert_eq!(execute(&mut machine, line), ["ok"], "{line}");
-        let mut rest_began = machine.now();
+        let mut standstill_began = machine.now();
         let mut messages = Vec::new();
         while machine.advance() {
             let now = machine.now();
             if !machine.snapshot().is_at_rest {
-                rest_began = now;
+                standstill_began = now;
             }
             let lines = machine.lines();
             if !lines.is_empty() {
-                let elapsed_ms = (now - rest_began) / MS;
+                let elapsed_ms = (now - standstill_began) / MS;
                 assert!(
                     (1000..1100).contains(&elapsed_ms),
                     "{line}: {elapsed_ms} ms"
@@ -156,7 +156,7 @@ fn stay_together(lines: &[&str]) {
             let answers = execute(&mut machine, line);
             assert_eq!(answers.last().map(String::as_str), Some("ok"), "{line}");
         }
-        machine.run_to_rest();
+        machine.run_to_standstill();
         assert_true(&machine, &format!("turn {turn} of {lines:?}"));
         let position = machine.session().interpreter().position();
         assert_eq!(position[X], Nm(-turn * 260_000), "{lines:?}");

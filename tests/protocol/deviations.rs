@@ -64,7 +64,7 @@ fn the_rapids_of_g28_do_not_burn() {
 }
 
 #[test]
-fn mist_and_flood_are_switched_apart() {
+fn mist_and_flood_are_switched_separately() {
     let mut bench = Bench::new();
     let modes = |bench: &mut Bench| bench.ask("$G")[0].clone();
     assert_eq!(bench.ask("M7"), ["ok"]);

@@ -33,7 +33,7 @@ fn assert_drills_nothing(machine: &mut Machine, what: &str) {
     let before = machine.physical_steps();
     for line in ["T7M6", "G4P0.01"] {
         execute(machine, line);
-        machine.run_to_rest();
+        machine.run_to_standstill();
         assert_eq!(machine.physical_steps(), before, "{what}: {line}");
     }
 }
@@ -72,7 +72,7 @@ fn a_limit_switch_at_any_stage_ends_the_cycle() {
         disturbed(line).at_each_stage(|mut machine, stage| {
             let what = format!("{line}: limit at {stage}");
             machine.set_pin(Levels::limits(1), true);
-            machine.run_to_rest();
+            machine.run_to_standstill();
             let lines = machine.lines();
             assert!(lines.contains(&"ALARM:1".to_owned()), "{what}: {lines:?}");
             machine.set_pin(Levels::limits(1), false);
@@ -86,7 +86,7 @@ fn a_limit_switch_at_any_stage_ends_the_cycle() {
 }
 
 #[test]
-fn a_laser_is_dark_in_all_of_a_cycle_and_burns_again_behind_it() {
+fn a_laser_is_dark_in_all_of_a_cycle_and_burns_again_after_it() {
     for code in [3, 4] {
         for line in &CYCLES {
             let spindle = format!("M{code}S500");
@@ -124,7 +124,7 @@ fn a_line_that_leaves_the_travel_drills_nothing() {
     ] {
         let mut machine = disturbed(&line).ready();
         assert_eq!(execute(&mut machine, "G81X-6Z-9R-4F3000"), ["ok"]);
-        machine.run_to_rest();
+        machine.run_to_standstill();
         let before = machine.physical_steps();
         let output = execute(&mut machine, line);
         assert!(output.contains(&"ALARM:2".to_owned()), "{line}: {output:?}");
@@ -135,7 +135,7 @@ fn a_line_that_leaves_the_travel_drills_nothing() {
 }
 
 #[test]
-fn the_word_that_a_cycle_lacks_is_told() {
+fn the_word_that_a_cycle_lacks_is_reported() {
     let mut bench = Bench::new();
     bench.ask("$C");
     assert_eq!(bench.ask("F100 M3 S100"), ["ok"]);

@@ -168,7 +168,7 @@ fn a_reset_at_rest_only_welcomes() {
 }
 
 #[test]
-fn nothing_is_said_before_the_machine_has_acted_on_a_reset() {
+fn nothing_is_sent_before_the_machine_has_acted_on_a_reset() {
     let mut bench = Bench::new();
     let session_only = |bench: &mut Bench| {
         let (mut sent, _) = bench.sent.split();

@@ -57,7 +57,7 @@ fn a_probe_in_the_wrong_state_is_an_alarm_before_the_move() {
 }
 
 #[test]
-fn a_way_out_of_the_travel_is_answered_by_a_reset() {
+fn a_path_out_of_the_travel_is_answered_by_a_reset() {
     let mut bench = Bench::set(&["22=1", "20=1"]);
     assert_eq!(bench.ask("G0X-10Y-10"), ["ok"]);
     bench.works();
@@ -228,7 +228,7 @@ fn another_laser_mode_switches_the_spindle_off() {
     ] {
         execute(&mut machine, before);
         execute(&mut machine, change);
-        machine.run_to_rest();
+        machine.run_to_standstill();
         let outputs = machine.outputs();
         let is_off = (outputs.spindle, outputs.duty) == (Spindle::Off, 0);
         // In laser mode `M3` is dark up to the first feed move.

@@ -59,7 +59,7 @@ proptest! {
         let mut is_disturbed = false;
         for (line, between, rests) in &program {
             if *rests {
-                machine.run_to_rest();
+                machine.run_to_standstill();
                 machine.lines();
             }
             let session = machine.session();
@@ -77,7 +77,7 @@ proptest! {
             }
             is_disturbed = !matches!(between, None | Some(b'?'));
             if machine.state() == State::Alarm {
-                machine.run_to_rest();
+                machine.run_to_standstill();
                 let lines = execute(&mut machine, "$X");
                 prop_assert!(lines.iter().any(|line| line == "ok"), "{:?}", lines);
             }

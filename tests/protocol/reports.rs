@@ -273,7 +273,7 @@ fn absolute_centres_are_shown_as_a_mode() {
 }
 
 #[test]
-fn five_lines_find_the_way_back_from_any_offsets() {
+fn five_lines_return_to_the_start_from_any_offsets() {
     for before in [
         &[
             "G10 L2 P4 X5 Y6 R30",

@@ -16,10 +16,10 @@ const DISTURBANCES: [&[u8]; 5] = [b"!", b"\x84", b"\x95", b"\x91\x9b", b"?!"];
 /// Presses cycle start wherever the machine rests, also where a line pauses.
 fn go_on(machine: &mut Machine) {
     for _ in 0..4 {
-        machine.run_to_rest();
+        machine.run_to_standstill();
         machine.send(b"~");
     }
-    machine.run_to_rest();
+    machine.run_to_standstill();
 }
 
 /// Lines that are disturbed.
@@ -38,7 +38,7 @@ impl Disturbed<'_> {
         for line in self.setup {
             assert_eq!(execute(&mut machine, line), ["ok"], "{line}");
         }
-        machine.run_to_rest();
+        machine.run_to_standstill();
         machine
     }
 

@@ -249,7 +249,7 @@ fn a_closed_switch_is_reported_with_the_welcome() {
 }
 
 #[test]
-fn a_jog_leaves_nothing_behind_but_the_position() {
+fn a_jog_changes_nothing_but_the_position() {
     let mut bench = Bench::new();
     assert_eq!(bench.answer("G20\nG91\nG1F10\n"), ["ok"; 3]);
     let modes = bench.ask("$G");

@@ -13,7 +13,7 @@ fn reported_tool(bench: &mut Bench) -> Option<String> {
 }
 
 #[test]
-fn a_new_tool_is_told_once() {
+fn a_new_tool_is_reported_once() {
     let mut bench = Bench::new();
     let mut reports = |line: &str| {
         assert_eq!(bench.ask(line), ["ok"], "{line}");
@@ -75,7 +75,7 @@ fn a_change_of_the_tool_waits_for_cycle_start_with_everything_off() {
 }
 
 #[test]
-fn the_rest_of_a_line_follows_the_change_of_the_tool() {
+fn the_remainder_of_a_line_follows_the_change_of_the_tool() {
     let mut bench = Bench::new();
     change(&mut bench, "G91 T3 M6 M3 S900 G43.1 Z2 M8");
     assert_eq!(bench.machine.spindle, Spindle::Off);

@@ -33,7 +33,7 @@ fn the_beam_follows_the_speed_and_is_off_at_rest() {
     assert_eq!(rig.snapshot().spindle_rpm, 0.0);
     let beam = Laser::Proportional(800.0);
     burn(&mut rig, &line(&[20.0], 3000.0), beam);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(rig.drive.outputs().duty, 0);
     assert_eq!(rig.drive.outputs().spindle, Spindle::Off);
     // A hundred ms of ramp, cruise, ramp: the duty is that of the speed all along.
@@ -63,9 +63,9 @@ fn a_constant_beam_stays_after_a_feed_move_and_is_off_in_rapids() {
     );
     rig.run_to(20 * MS);
     assert_eq!(rig.snapshot().spindle, Spindle::Off);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     burn(&mut rig, &line(&[20.0], 3000.0), Laser::Constant(500.0));
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(rig.snapshot().spindle_rpm, 500.0);
     assert_eq!(rig.drive.outputs().duty / 4, 128);
     burn(
@@ -73,7 +73,7 @@ fn a_constant_beam_stays_after_a_feed_move_and_is_off_in_rapids() {
         &line_at(at(&[0.0]), FeedRate::Rapid),
         Laser::Constant(0.0),
     );
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(
         (rig.snapshot().spindle_rpm, rig.drive.outputs().duty),
         (0.0, 0)
@@ -93,7 +93,7 @@ fn a_hold_switches_the_beam_off_and_the_resume_on() {
         rig.run_to(300 * MS);
         assert_eq!(rig.drive.outputs().duty / 4, 128);
         rig.receive(b'!');
-        rig.run_to_rest();
+        rig.run_to_standstill();
         assert_eq!(rig.drive.outputs().duty, 0);
         rig.receive(0x9e);
         assert_eq!(rig.drive.outputs().duty, 0);
@@ -112,7 +112,7 @@ fn a_laser_waits_for_no_spindle_when_the_door_closes() {
     burn(&mut rig, &line(&[30.0], 1000.0), Laser::Constant(500.0));
     rig.run_to(300 * MS);
     rig.receive(DOOR);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(rig.drive.outputs().duty, 0);
     rig.receive(b'~');
     assert_eq!(state(&rig), State::Run);
@@ -133,7 +133,7 @@ fn a_reset_switches_everything_off_at_once() {
     assert_eq!(rig.drive.outputs().coolant, Coolant::OFF);
     rig.run_to(302 * MS);
     assert_eq!(rig.drive.outputs().duty, 0);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(state(&rig), State::Alarm);
     rig.run_to(rig.now + 26 * MS);
     assert_eq!(*rig.drive.outputs(), Outputs::default());
@@ -152,7 +152,7 @@ fn a_beam_that_a_hold_at_rest_ended_comes_back_with_the_next_motion_only() {
     assert_eq!(notices(&rig), [Notice::RestoringSpindle]);
     assert_eq!(rig.drive.outputs().duty, 0);
     burn(&mut rig, &line(&[5.0], 1000.0), beam);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert!(rig.drive.outputs().duty > 0);
 }
 

@@ -48,7 +48,7 @@ fn the_door_in_a_run_switches_off_and_comes_back_in_grbls_time() {
     assert_eq!(state(&rig), State::DoorRestoring);
     rig.run_to(start + 5001 * MS);
     assert_eq!(state(&rig), State::Run);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(rig.snapshot().steps[0], 2400);
     assert_eq!(notices(&rig), [Notice::CheckDoor]);
 }
@@ -81,7 +81,7 @@ fn a_door_that_stays_open_lets_nothing_start() {
     rig.run_to(200 * MS);
     rig.drive.inputs.set_closed(Levels::DOOR);
     rig.receive(DOOR);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(state(&rig), State::DoorAjar);
     rig.receive(b'~');
     assert_eq!(state(&rig), State::DoorAjar);

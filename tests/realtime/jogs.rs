@@ -19,7 +19,7 @@ fn a_jog_is_cancelled_by_its_byte_a_hold_and_the_door() {
         assert_eq!(state(&rig), State::Jog);
         // A jog that was made before its sender knew is void.
         go(&mut rig, &jog(&[120.0], 2000.0));
-        rig.run_to_rest();
+        rig.run_to_standstill();
         let snapshot = rig.snapshot();
         let expected = if byte == DOOR {
             State::DoorClosed
@@ -44,12 +44,12 @@ fn jog_cancel_cancels_nothing_else() {
     let mut rig = moving(&fast(), &line(&[20.0], 2000.0));
     rig.run_to(100 * MS);
     rig.receive(CANCEL);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(rig.snapshot().steps[0], 1600);
     // Nor is it kept for the next jog.
     rig.receive(CANCEL);
     go(&mut rig, &jog(&[0.0], 2000.0));
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(rig.snapshot().steps[0], 0);
 }
 
@@ -58,7 +58,7 @@ fn queued_jogs_do_not_stop_between() {
     let mut rig = moving(&fast(), &jog(&[10.0], 2000.0));
     go(&mut rig, &jog(&[20.0], 2000.0));
     go(&mut rig, &jog(&[30.0], 2000.0));
-    rig.run_to_rest();
+    rig.run_to_standstill();
     let steps = rig.trace.steps(0);
     let seconds = steps[steps.len() - 1].seconds - steps[0].seconds;
     // 30 mm at 2000 mm/min, and one ramp up and one down.

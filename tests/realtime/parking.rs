@@ -63,7 +63,7 @@ fn parking_lifts_z_and_brings_it_back_to_the_step() {
     assert_eq!(rig.snapshot().spindle_rpm, 1000.0);
     wait_for(&mut rig, State::Run);
     assert_eq!((z(&rig), x_at(&rig)), (-20 * 80, x));
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(rig.snapshot().steps.0[..3], [2400, 0, -1600]);
     check_limits(&fast(), &rig.trace);
     rig.trace.check_pulses();
@@ -90,7 +90,7 @@ fn parking_far_at_a_fine_resolution_keeps_the_limits() {
 }
 
 #[test]
-fn a_door_opened_on_the_way_back_parks_again() {
+fn a_door_opened_while_returning_parks_again() {
     // Fast on the way to the waypoint, waiting there, and slow into the work.
     for ms in [500, 3000, 7000] {
         let mut rig = above_work();
@@ -105,7 +105,7 @@ fn a_door_opened_on_the_way_back_parks_again() {
         assert_eq!(rig.snapshot().spindle, Spindle::Off);
         rig.receive(b'~');
         wait_for(&mut rig, State::Run);
-        rig.run_to_rest();
+        rig.run_to_standstill();
         assert_eq!(rig.snapshot().steps.0[..3], [2400, 0, -1600]);
         check_limits(&fast(), &rig.trace);
     }
@@ -119,7 +119,7 @@ fn a_reset_while_parking_slows_down_and_keeps_the_position() {
         rig.run_to(rig.now + ms * MS);
         rig.receive(RESET);
         assert_eq!(rig.snapshot().reset_in_motion, is_alarm, "{ms}");
-        rig.run_to_rest();
+        rig.run_to_standstill();
         assert!(rig.snapshot().is_at_rest, "{ms}: {:?}", rig.snapshot());
         assert_eq!(rig.snapshot().steps, rig.trace.net_steps());
         check_limits(&fast(), &rig.trace);
@@ -135,14 +135,14 @@ fn nothing_is_parked_above_the_place_for_it_nor_without_homing_nor_in_a_jog() {
     let mut rig = moving(&settings, &line(&[10.0, 0.0, -20.0], 5000.0));
     rig.run_to(100 * MS);
     rig.receive(DOOR);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(state(&rig), State::DoorClosed);
     let mut rig = above_work();
-    rig.run_to_rest();
+    rig.run_to_standstill();
     go(&mut rig, &jog(&[0.0, 0.0, -20.0], 1000.0));
     rig.run_to(rig.now + 200 * MS);
     rig.receive(DOOR);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!((state(&rig), z(&rig)), (State::DoorClosed, -1600));
     assert_eq!(rig.snapshot().spindle, Spindle::Off);
 }

@@ -18,11 +18,11 @@ fn hold_and_start_together_hold() {
     rig.receive(b'!');
     assert_eq!(state(&rig), State::HoldSlowing);
     rig.receive(b'~');
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(state(&rig), State::HoldComplete);
     rig.receive(b'~');
     assert_eq!(state(&rig), State::Run);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(state(&rig), State::Idle);
     assert_eq!(rig.snapshot().steps[0], 4000);
 }
@@ -58,7 +58,7 @@ fn a_program_pause_waits_for_cycle_start() {
 fn a_program_pause_right_after_a_move_waits_for_cycle_start() {
     let mut rig = moving(&fast(), &line(&[5.0], 3000.0));
     send(&mut rig, Work::Pause);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(state(&rig), State::HoldComplete);
     assert_eq!(rig.snapshot().finished, 1);
     rig.receive(b'~');
@@ -92,7 +92,7 @@ fn a_soft_limit_slows_down_first_and_then_locks_until_a_reset() {
     send(&mut rig, Work::Fault(Alarm::SoftLimit));
     assert_eq!(state(&rig), State::HoldSlowing);
     assert!(notices(&rig).is_empty());
-    rig.run_to_rest();
+    rig.run_to_standstill();
     let snapshot = rig.snapshot();
     assert_eq!(snapshot.state, State::Alarm);
     assert!(snapshot.is_critical && snapshot.is_at_rest);
@@ -167,7 +167,7 @@ fn a_reset_in_any_motion_is_an_alarm_and_at_rest_it_is_none() {
             rig.run_to(300 * MS);
             for byte in bytes {
                 match byte {
-                    b'#' => rig.run_to_rest(),
+                    b'#' => rig.run_to_standstill(),
                     byte => rig.receive(*byte),
                 }
             }
@@ -178,7 +178,7 @@ fn a_reset_in_any_motion_is_an_alarm_and_at_rest_it_is_none() {
                 is_alarm,
                 "{bytes:?} {is_jog}"
             );
-            rig.run_to_rest();
+            rig.run_to_standstill();
             let expected = if is_alarm { State::Alarm } else { State::Idle };
             assert_eq!(state(&rig), expected);
             assert_eq!(rig.snapshot().steps, rig.trace.net_steps());
@@ -194,7 +194,7 @@ fn a_reset_drops_what_is_held() {
         go(&mut rig, &line(&[0.0], 3000.0));
         rig.run_to(300 * MS);
         rig.receive(byte);
-        rig.run_to_rest();
+        rig.run_to_standstill();
         let steps = rig.snapshot().steps;
         rig.receive(RESET);
         rig.run_to(rig.now + 5000 * MS);

@@ -21,7 +21,7 @@ fn the_spindle_stops_in_a_hold_only_and_comes_back() {
     rig.run_to(300 * MS);
     rig.receive(0x9e);
     rig.receive(b'!');
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(rig.snapshot().spindle, Spindle::Clockwise);
     rig.receive(0x9e);
     assert_eq!(rig.snapshot().spindle, Spindle::Off);
@@ -51,7 +51,7 @@ fn a_spindle_override_acts_at_rest_in_motion_and_in_a_hold() {
     assert_eq!(rig.snapshot().spindle_rpm, 450.0);
     assert_eq!(rig.drive.outputs().duty / 4, 115);
     rig.receive(b'!');
-    rig.run_to_rest();
+    rig.run_to_standstill();
     rig.receive(0x99);
     assert_eq!(rig.snapshot().spindle_rpm, 500.0);
     assert_eq!(rig.drive.outputs().duty / 4, 128);
@@ -82,7 +82,7 @@ fn drivers_are_on_in_motion_and_for_a_while_after_it() {
     assert!(!rig.drive.outputs().drivers);
     go(&mut rig, &line(&[1.0], 1000.0));
     assert!(rig.drive.outputs().drivers);
-    rig.run_to_rest();
+    rig.run_to_standstill();
     let end = rig.now;
     rig.run_to(end + 24 * MS);
     assert!(rig.drive.outputs().drivers);
@@ -90,7 +90,7 @@ fn drivers_are_on_in_motion_and_for_a_while_after_it() {
     assert!(!rig.drive.outputs().drivers);
     // Motion that comes in between keeps them on.
     go(&mut rig, &line(&[0.0], 1000.0));
-    rig.run_to_rest();
+    rig.run_to_standstill();
     rig.run_to(rig.now + 20 * MS);
     go(&mut rig, &line(&[10.0], 1000.0));
     let start = rig.now;
@@ -108,7 +108,7 @@ fn drivers_may_stay_on_for_ever() {
     let mut rig = Rig::new(&settings);
     assert!(rig.drive.outputs().drivers);
     go(&mut rig, &line(&[1.0], 1000.0));
-    rig.run_to_rest();
+    rig.run_to_standstill();
     rig.run_to(rig.now + 10_000 * MS);
     assert!(rig.drive.outputs().drivers);
     send(&mut rig, Work::Sleep);

@@ -132,7 +132,7 @@ fn a_pause_with_a_time_ends_by_itself() {
     assert_eq!(xy_mm(&machine), [1, 0]);
     machine.send_for(b"M0 P500\nG1 X2\n", 400);
     assert_eq!(xy_mm(&machine), [1, 0]);
-    machine.run_to_rest();
+    machine.run_to_standstill();
     assert_eq!(xy_mm(&machine), [2, 0]);
 }
 
@@ -145,7 +145,7 @@ fn drivers_are_switched_at_standstill() {
     machine.run(5000);
     assert!(machine.outputs().drivers);
     machine.send(b"G1 X10 F6000\nM18 X Y\n");
-    machine.run_to_rest();
+    machine.run_to_standstill();
     assert_eq!(xy_mm(&machine), [10, 0]);
     assert!(!machine.outputs().drivers);
 }
@@ -207,10 +207,10 @@ fn g0_is_dark_in_laser_mode() {
     machine.ask("M3 S500");
     machine.send_for(b"G1 X10 F600\n", 500);
     assert!(machine.outputs().duty > 0);
-    machine.run_to_rest();
+    machine.run_to_standstill();
     machine.send_for(b"G0 X50\n", 200);
     assert_eq!(machine.outputs().duty, 0);
-    machine.run_to_rest();
+    machine.run_to_standstill();
     machine.send_for(b"G1 X0 S0 F600\n", 500);
     assert_eq!(machine.outputs().duty, 0);
 }

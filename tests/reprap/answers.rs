@@ -51,14 +51,14 @@ fn m114_tells_of_the_last_line_while_the_machine_still_moves() {
     let answers = machine.lines();
     assert_eq!(answers.len(), 3, "{answers:?}");
     assert!(answers[1].starts_with("X:10.000 Y:0.000 Z:0.000 E:0.000 Count X:0 "));
-    machine.run_to_rest();
+    machine.run_to_standstill();
     // M400 ends with the motion.
     assert_eq!(machine.lines(), ["ok"]);
     assert_eq!(xy(&machine), [10 * STEPS_PER_MM, 0]);
 }
 
 #[test]
-fn parts_that_are_not_there_are_told_and_nobody_waits_for_them() {
+fn parts_that_are_not_there_are_reported_and_nobody_waits_for_them() {
     let mut machine = reprap();
     for (line, answer) in [
         ("M109 S200", Some("echo:M109: not present")),

@@ -370,7 +370,7 @@ fn back_to_the_pause_and_5_mm_above() {
     machine.send_for(b"G1 X10 Y20 F6000\nM0\nG92 X0 Y0\nG91\nG1 X30 Y-5\n", 2000);
     assert_eq!(machine.state(), State::HoldComplete);
     machine.send(b"M108\n");
-    machine.run_to_rest();
+    machine.run_to_standstill();
     machine.lines();
     assert_eq!(xy_mm(&machine), [40, 15]);
     assert_eq!(machine.ask("G1 R1 Z5 F6000"), ["ok"]);

@@ -90,7 +90,7 @@ fn send_as_printrun(
         // A line whose end is lost is asked for after a second.
         let mut answers = Vec::new();
         for _ in 0..30 {
-            machine.run_to_rest();
+            machine.run_to_standstill();
             answers.extend(machine.lines());
             if answers.iter().filter(is_ok).count() >= expected {
                 break;
@@ -195,11 +195,11 @@ fn send_random_bytes(dialect: &str, seed: u64) {
             let is_blank = is_reprap && raw.verdict(0, false) == Verdict::Blank;
             expected += usize::from(!is_blank);
             raw.clear();
-            machine.run_to_rest();
+            machine.run_to_standstill();
             if machine.state() == State::HoldComplete {
                 // A pause of the program.
                 machine.send(b"~");
-                machine.run_to_rest();
+                machine.run_to_standstill();
             }
             let lines = machine.lines();
             let is_answer = |line: &&String| line.starts_with("ok") || line.starts_with("error:");

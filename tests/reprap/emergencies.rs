@@ -63,7 +63,7 @@ fn m410_stops_and_keeps_the_position_and_the_lines_behind_it() {
     let mut machine = reprap();
     machine.send_for(b"M3 S100\nG91\nG90\nG1 X50 F600\nG1 Y50\n", 300);
     machine.send(b"M410\nG1 X1 Y1\n");
-    machine.run_to_rest();
+    machine.run_to_standstill();
     machine.run(100);
     let answers = machine.lines();
     assert_eq!(answers, ["ok"; 7], "{answers:?}");
@@ -83,7 +83,7 @@ fn an_emergency_that_is_refused_for_its_words_is_answered_once() {
     ] {
         let mut machine = reprap();
         machine.send(format!("{line}\n"));
-        machine.run_to_rest();
+        machine.run_to_standstill();
         machine.run(100);
         let answers = machine.lines();
         let oks = answers.iter().filter(|answer| answer.starts_with("ok"));
@@ -97,14 +97,14 @@ fn an_emergency_that_is_refused_for_its_words_is_answered_once() {
 fn an_emergency_whose_line_comes_in_two_pieces_is_answered_once() {
     let line = "M410 ; stop\n";
     // The receiver releases the session at each 256th byte, wherever that is in a line.
-    for behind in 1..line.len() {
+    for missing in 1..line.len() {
         let mut machine = reprap();
-        let comment = format!(";{}\n", "-".repeat(254 - behind));
+        let comment = format!(";{}\n", "-".repeat(254 - missing));
         machine.send(format!("{comment}{line}G1 X1 F6000\n"));
-        machine.run_to_rest();
+        machine.run_to_standstill();
         machine.run(100);
-        assert_eq!(machine.lines(), ["ok", "ok"], "{behind}");
-        assert_eq!(xy(&machine)[0], STEPS_PER_MM, "{behind}");
+        assert_eq!(machine.lines(), ["ok", "ok"], "{missing}");
+        assert_eq!(xy(&machine)[0], STEPS_PER_MM, "{missing}");
     }
 }
 
@@ -123,7 +123,7 @@ fn m108_and_m24_go_on_after_a_pause() {
 }
 
 #[test]
-fn realtime_bytes_count_only_behind_a_line_end_or_silence() {
+fn realtime_bytes_count_only_after_a_line_end_or_silence() {
     let mut machine = reprap();
     // Part of a line: a hold, a reset, a report and coolant, if they counted.
     assert_eq!(machine.ask("M117 Done! ~?\u{18}"), ["ok"]);
@@ -135,14 +135,14 @@ fn realtime_bytes_count_only_behind_a_line_end_or_silence() {
     assert_eq!(machine.state(), State::HoldComplete);
     machine.send_for(b"??~", 20);
     assert_eq!(machine.state(), State::Run);
-    machine.run_to_rest();
+    machine.run_to_standstill();
     machine.lines();
     // In a line that is not finished, after silence: the line is as it was.
     machine.send_for(b"G1 X", 90);
     machine.send_for(b"!", 30);
     assert_eq!(machine.state(), State::Idle);
     machine.send(b"\n");
-    machine.run_to_rest();
+    machine.run_to_standstill();
     assert_eq!(
         machine.lines()[0],
         "Error:a word must begin with a letter (error:1)"
@@ -242,7 +242,7 @@ fn a_pause_goes_on_by_m108_behind_a_full_queue() {
 
 #[test]
 fn in_a_lost_line_realtime_bytes_and_parts_of_codes_are_text() {
-    for rest in [
+    for remainder in [
         "G1 X1!~?\n",
         "M117 M112\n",
         "M1120\n",
@@ -252,14 +252,14 @@ fn in_a_lost_line_realtime_bytes_and_parts_of_codes_are_text() {
         "X\u{18}\n",
         "M118 !",
     ] {
-        let mut machine = sent_ahead(5000, rest);
+        let mut machine = sent_ahead(5000, remainder);
         machine.run(80);
-        assert_eq!(machine.state(), State::Run, "{rest}");
-        assert!(machine.lines().is_empty(), "{rest}");
+        assert_eq!(machine.state(), State::Run, "{remainder}");
+        assert!(machine.lines().is_empty(), "{remainder}");
         // After silence a realtime byte counts anywhere.
         machine.run(100);
         machine.send_for(b"!", 200);
-        assert_eq!(machine.state(), State::HoldComplete, "{rest}");
+        assert_eq!(machine.state(), State::HoldComplete, "{remainder}");
     }
 }
 
@@ -280,7 +280,7 @@ fn realtime_bytes_take_no_room_from_lines() {
         machine.send(format!("G1 Y{y}\n"));
     }
     assert_eq!(machine.lost(), 0);
-    machine.run_to_rest();
+    machine.run_to_standstill();
     assert_eq!(xy(&machine), [0, 69 * STEPS_PER_MM]);
     let lines = machine.lines();
     assert_eq!(lines.iter().filter(|line| *line == "ok").count(), 70);

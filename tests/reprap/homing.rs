@@ -1,4 +1,4 @@
-//! A machine that is not homed: what comes before `G28` in files, and what has to wait for it.
+//! A machine that is not homed: lines before `G28` in files, and lines that wait for homing.
 
 use leadscrew::model::State;
 

@@ -90,7 +90,7 @@ fn hard_limits_guard_what_s1_does_not_move_and_what_follows() {
         let mut machine = with_switch(X, &["21=1"]);
         machine.send_for(b"G1 S1 X50 F3000\n", 50);
         machine.send(ending);
-        machine.run_to_rest();
+        machine.run_to_standstill();
         machine.lines();
         assert_eq!(machine.state(), State::Idle);
         assert_eq!(machine.ask("G1 X0"), ["ok"]);

@@ -25,7 +25,7 @@ fn a_lost_line_end_is_asked_for_after_a_second() {
 }
 
 #[test]
-fn wait_is_told_each_second_of_a_job_that_has_nothing_left_to_do() {
+fn wait_is_reported_each_second_of_a_job_that_has_nothing_left_to_do() {
     let mut machine = reprap();
     machine.ask("G1 X1 F6000");
     machine.run(5000);
@@ -37,7 +37,7 @@ fn wait_is_told_each_second_of_a_job_that_has_nothing_left_to_do() {
 }
 
 #[test]
-fn busy_is_told_while_a_line_waits_for_its_ok() {
+fn busy_is_reported_while_a_line_waits_for_its_ok() {
     let mut machine = reprap_with(&["782=1"]);
     machine.send_for(b"G1 X50 F600\nM400\n", 4500);
     let lines = machine.lines();
@@ -49,7 +49,7 @@ fn busy_is_told_while_a_line_waits_for_its_ok() {
             .count(),
         4
     );
-    machine.run_to_rest();
+    machine.run_to_standstill();
     machine.lines();
     assert_eq!(machine.ask("M113 S0"), ["ok"]);
     machine.send_for(b"G1 X0 F600\nM400\n", 4500);

@@ -88,7 +88,7 @@ fn chip_and_simulator_call_the_bodies_of_the_tasks_and_nothing_in_them() {
 }
 
 #[test]
-fn a_call_beside_the_tasks_is_found_however_it_is_written() {
+fn a_call_outside_the_tasks_is_found_however_it_is_written() {
     for (source, line) in [
         ("let prepared = self.motion.run(requests);\n", 1),
         ("\nlet run = Motion::run;\n", 2),

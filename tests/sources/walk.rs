@@ -58,7 +58,7 @@ fn missing(named: &[Named<'_>], read: impl Fn(&str) -> String) -> String {
         if !defines(&read(file), name) {
             let _ = writeln!(
                 missing,
-                "docs/ARCHITECTURE.md:{line}: src/{file} has no `{name}`: walk the way again"
+                "docs/ARCHITECTURE.md:{line}: src/{file} has no `{name}`: follow the move again"
             );
         }
     }
@@ -100,7 +100,7 @@ fn a_function_that_has_gone_elsewhere_is_found() {
     };
     assert_eq!(
         missing(&rows, read) + &missing(&leaves, read),
-        "docs/ARCHITECTURE.md:4: src/a.rs has no `gone`: walk the way again\n\
-         docs/ARCHITECTURE.md:4: src/b.rs has no `other`: walk the way again\n"
+        "docs/ARCHITECTURE.md:4: src/a.rs has no `gone`: follow the move again\n\
+         docs/ARCHITECTURE.md:4: src/b.rs has no `other`: follow the move again\n"
     );
 }

@@ -168,7 +168,7 @@ fn a_retired_name_is_found_as_a_name_and_as_a_part_of_one() {
         | old | new | where |\n|---|---|---|\n\
         | `StepCounts`, `be_patient` | `SegmentRing` | `src/` |\n\
         | `gate` | junction limit | `src/motion/` |\n\
-        | `way` | path | `proof/` |\n";
+        | `lane` | path | `proof/` |\n";
     let retired = retired("proof/GLOSSARY.md", text);
     assert_eq!(retired.len(), 4);
     for (path, source) in [
@@ -177,7 +177,7 @@ fn a_retired_name_is_found_as_a_name_and_as_a_part_of_one() {
         ("src/motion/plan.rs", "let first_gate = 1;"),
         ("src/motion/plan.rs", "const GATE_MM: f32 = 1.0;"),
         ("src/motion/plan.rs", "let c = '\"'; struct LastGate;"),
-        ("proof/schedule/src/wcet.rs", "let first_way = 1;"),
+        ("proof/schedule/src/wcet.rs", "let first_lane = 1;"),
     ] {
         let found = comebacks(path, source, &retired);
         assert!(found.contains(":1: "), "{source}: {found:?}");

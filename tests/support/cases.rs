@@ -16,7 +16,7 @@ fn factor() -> Option<u32> {
     Some(text.parse().unwrap())
 }
 
-/// What the cases are drawn with: a test that fails fails again, and one that passes for somebody passes for all.
+/// The seed of the cases, fixed by default: a test fails, or passes, for everybody and each time.
 fn seed() -> u64 {
     std::env::var("LEADSCREW_SEED").map_or(1, |text| text.parse().unwrap())
 }

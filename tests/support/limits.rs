@@ -23,8 +23,8 @@ fn crossing(step: &Step) -> f64 {
 
 /// Peaks within blocks over windows of at least `window_s`, less what the shift of two events can make of them.
 ///
-/// The mean speeds of two neighbouring windows differ by at most the acceleration times half the
-/// time they span; a step that is early or late by `SHIFT_S` at speed v moves a mean by v·shift/T.
+/// The mean speeds of two neighbouring windows differ by at most the acceleration times half of their duration. A step
+/// that is early or late by `SHIFT_S` at speed v changes a mean by v·shift/T.
 pub(crate) fn peaks(settings: &Settings, trace: &Trace, axis: usize, window_s: f64) -> Peaks {
     let steps = trace.steps(axis);
     let mm = 1.0 / f64::from(settings.steps_per_mm[axis].to_f32());

@@ -1,4 +1,4 @@
-//! The whole machine behind its serial line: what a sender and an operator do to it, what it sends, what it steps.
+//! The whole machine with its serial line: input of a sender and an operator, output bytes and steps.
 
 use std::{
     mem::take,
@@ -81,7 +81,7 @@ impl Machine {
     /// Switched on with these settings; the welcome has been read.
     pub(crate) fn with(settings: &Settings) -> Self {
         let mut machine = Self::of(Simulator::new(settings));
-        machine.run_to_rest();
+        machine.run_to_standstill();
         machine.received.clear();
         machine
     }
@@ -177,7 +177,7 @@ impl Machine {
     }
 
     /// Runs until nothing happens any more by itself.
-    pub(crate) fn run_to_rest(&mut self) {
+    pub(crate) fn run_to_standstill(&mut self) {
         let end = self.simulator.now() + LONGEST_MS * MS;
         self.collect();
         while self.advance() {
@@ -205,7 +205,7 @@ impl Machine {
     /// Sends bytes, runs to rest, and takes what has been received.
     pub(crate) fn exchange(&mut self, bytes: impl AsRef<[u8]>) -> String {
         self.send(bytes);
-        self.run_to_rest();
+        self.run_to_standstill();
         self.take_received()
     }
 
@@ -222,7 +222,7 @@ impl Machine {
 
     /// Runs to rest, and takes the lines that have been received.
     pub(crate) fn answers(&mut self) -> Vec<String> {
-        self.run_to_rest();
+        self.run_to_standstill();
         let lines = self.lines();
         assert_eq!(self.received, "", "a line without an end");
         lines

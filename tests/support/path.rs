@@ -27,7 +27,7 @@ type Point = [f64; AXES];
 pub(crate) struct Piece {
     begin: Point,
     end: Point,
-    curve: Option<Turn>,
+    curve: Option<CircularArc>,
     round: Option<Corner>,
     /// Its steps are those of the motors of `CoreXY`.
     is_core_xy: bool,
@@ -36,7 +36,7 @@ pub(crate) struct Piece {
 }
 
 /// The circular part.
-struct Turn {
+struct CircularArc {
     axes: [usize; 2],
     centre: [f64; 2],
     scale: [f64; 2],
@@ -57,7 +57,7 @@ impl Piece {
         let mut curve = None;
         if let Command::Arc { circle, .. } = command {
             let (first, second, _) = circle.plane.axes();
-            let turn = Turn::new(circle, [first, second], from, &to, scale);
+            let turn = CircularArc::new(circle, [first, second], from, &to, scale);
             let finest = scale(first).max(scale(second));
             length += turn.sweep.abs() * turn.radius[0].max(turn.radius[1]) * finest;
             curve = Some(turn);
@@ -151,7 +151,7 @@ struct Corner {
     sweep: f64,
 }
 
-impl Turn {
+impl CircularArc {
     fn new(
         circle: &Circle,
         axes: [usize; 2],

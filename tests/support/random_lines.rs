@@ -14,8 +14,8 @@ fn mm() -> impl Strategy<Value = String> {
 /// Words of some axes.
 fn axes() -> impl Strategy<Value = String> {
     let word = |letter: char| {
-        (any::<bool>(), mm()).prop_map(move |(is_given, mm)| {
-            if is_given {
+        (any::<bool>(), mm()).prop_map(move |(is_programmed, mm)| {
+            if is_programmed {
                 format!("{letter}{mm}")
             } else {
                 String::new()

@@ -32,7 +32,7 @@ pub(crate) struct Rig {
     pub(crate) now: u64,
     sent: u32,
     /// Motions that the machine has ended before their target, as far as the position is known.
-    cuts: u32,
+    cancelled_motions: u32,
     /// A reset or a cancelled jog has come, and the position has not been taken since.
     is_recovering: bool,
     /// Least time between two entries, ticks.
@@ -68,7 +68,7 @@ impl Rig {
             requests: Requests::new(),
             now: 0,
             sent: 0,
-            cuts: 0,
+            cancelled_motions: 0,
             is_recovering: settings.homing,
             feed_ticks: 0,
             control: PathControl::ExactPath,
@@ -218,7 +218,7 @@ impl Rig {
             }
             self.now = end;
         }
-        self.run_to_rest();
+        self.run_to_standstill();
         self.prepare();
         self.recover();
     }
@@ -247,14 +247,17 @@ impl Rig {
     }
 
     /// Runs until the machine is at rest, or waits for cycle start.
-    pub(crate) fn run_to_rest(&mut self) {
+    pub(crate) fn run_to_standstill(&mut self) {
         while self.drive.due().is_some() {
             self.run_to(self.drive.due().unwrap_or(self.now));
         }
     }
 
     pub(crate) fn enqueue(&mut self, work: Work) -> bool {
-        let cancellation_count = self.requests.reset_count().wrapping_add(self.cuts);
+        let cancellation_count = self
+            .requests
+            .reset_count()
+            .wrapping_add(self.cancelled_motions);
         let is_sent = self.drive.enqueue(Entry {
             cancellation_count,
             work,
@@ -271,7 +274,7 @@ impl Rig {
             self.trace.starts.push(self.now);
         }
         let snapshot = self.snapshot();
-        self.is_recovering |= snapshot.cancelled_motions != self.cuts;
+        self.is_recovering |= snapshot.cancelled_motions != self.cancelled_motions;
         if !self.is_recovering {
             assert_ne!(snapshot.state, State::Alarm, "starved");
         }
@@ -319,7 +322,7 @@ impl Rig {
         );
         self.router.set_steps(snapshot.steps);
         self.trace.resets.push(self.trace.edges.len());
-        self.cuts = snapshot.cancelled_motions;
+        self.cancelled_motions = snapshot.cancelled_motions;
         if snapshot.state == State::Alarm {
             assert!(self.enqueue(Work::Unlock));
         }

@@ -102,9 +102,8 @@ impl Trace {
         steps
     }
 
-    /// When the axis is behind because it had to wait to step back, or for another that does: for the
-    /// pulse before and the change of direction, and then as long as steps follow as closely as pulses
-    /// can.
+    /// When the axis is late because it, or another axis, had to wait to step back. It waits for the pulse before and
+    /// the change of direction, and is late while steps follow at the least distance of pulses.
     pub(crate) fn waits(&self, axis: usize) -> Vec<Range<u64>> {
         const SLOTS: u64 = 4 * EVENT_SPACING_TICKS as u64;
         let closest = self.pulse_ticks + u64::from(PULSE_LOW_TICKS) + SLOTS;

@@ -223,8 +223,8 @@ pub fn need_qemu() -> Result<String> {
 /// # Errors
 ///
 /// If it is too old.
-fn qemu_version(said: &str) -> Result<String> {
-    let version = said.split_once("version ").map_or("", |(_, rest)| rest);
+fn qemu_version(printed: &str) -> Result<String> {
+    let version = printed.split_once("version ").map_or("", |(_, rest)| rest);
     let version = version.split_whitespace().next().unwrap_or_default();
     let mut numbers = version.split('.').map_while(|part| part.parse().ok());
     let (Some(major), Some(minor)) = (numbers.next(), numbers.next()) else {
@@ -244,8 +244,8 @@ mod tests {
 
     #[test]
     fn an_emulator_that_is_too_old_is_refused() {
-        let version = |said: &str| qemu_version(said).map_err(|error| error.to_string());
-        for (said, expected) in [
+        let version = |printed: &str| qemu_version(printed).map_err(|error| error.to_string());
+        for (printed, expected) in [
             (
                 "QEMU emulator version 7.2.22 (Debian 1:7.2+dfsg-7+deb12u18+b3)\nCopyright",
                 "7.2.22",
@@ -253,7 +253,7 @@ mod tests {
             ("QEMU emulator version 10.0.2\nCopyright", "10.0.2"),
             ("QEMU emulator version 8.0.50 (v8.0.0-1-gabc)", "8.0.50"),
         ] {
-            assert_eq!(version(said), Ok(expected.to_owned()));
+            assert_eq!(version(printed), Ok(expected.to_owned()));
         }
         for old in ["7.1.0", "6.2.0"] {
             let refusal = format!("QEMU {old} is too old: 7.2 or newer is needed");
@@ -262,9 +262,9 @@ mod tests {
                 Err(refusal)
             );
         }
-        for said in ["", "QEMU emulator version ten"] {
+        for printed in ["", "QEMU emulator version ten"] {
             let refusal = "qemu-system-arm does not tell its version";
-            assert_eq!(version(said), Err(refusal.to_owned()));
+            assert_eq!(version(printed), Err(refusal.to_owned()));
         }
     }
 }

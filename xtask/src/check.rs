@@ -1,8 +1,7 @@
-//! Checks, and what became of them: for `cargo xtask test`, and for tools that are checks of it.
+//! Checks and their outcomes: for `cargo xtask test`, and for tools that it starts as checks.
 //!
-//! A check that another tool makes is that tool, started with [`VARIABLE`] set: it prints on
-//! standard output what it has counted, or [`SKIPPED`] and why it has checked nothing, or why it
-//! fails.
+//! A tool that is started with [`VARIABLE`] set is a check. The tool prints its count on standard output, or
+//! [`SKIPPED`] and the reason for the omission, or the reason of a failure.
 
 use std::{
     env,

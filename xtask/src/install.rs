@@ -109,8 +109,8 @@ fn move_to(own: &Path, home: &Path) -> Result<()> {
 /// The version of a Python, which is new enough.
 fn python_version(python: &Path) -> Result<String> {
     let asked = Command::new(python).arg("--version").output()?;
-    let said = String::from_utf8_lossy(&asked.stdout);
-    let version = said.trim().trim_start_matches("Python ").to_owned();
+    let output_text = String::from_utf8_lossy(&asked.stdout);
+    let version = output_text.trim().trim_start_matches("Python ").to_owned();
     let mut numbers = version.split('.').map_while(|part| part.parse().ok());
     let found = (numbers.next().unwrap_or(0), numbers.next().unwrap_or(0));
     let (major, minor) = OLDEST_PYTHON;
@@ -139,9 +139,9 @@ pub fn quietly(command: &mut Command) -> Result<()> {
     if output.status.success() {
         return Ok(());
     }
-    let said = [output.stdout, output.stderr].concat();
-    let said = String::from_utf8_lossy(&said);
-    let last: Vec<_> = said.lines().rev().take(5).collect();
+    let output_text = [output.stdout, output.stderr].concat();
+    let output_text = String::from_utf8_lossy(&output_text);
+    let last: Vec<_> = output_text.lines().rev().take(5).collect();
     let last: Vec<_> = last.into_iter().rev().collect();
     bail!("{}", last.join("\n"));
 }
@@ -198,13 +198,13 @@ esac
         assert!(first != second && second != third);
         assert!([&first, &second, &third].iter().all(|it| it.exists()));
         fs::remove_file(&third).unwrap();
-        let told = make("3.10.0", "nothing").unwrap_err().to_string();
-        assert!(told.contains("does not start: remove "), "{told}");
+        let message = make("3.10.0", "nothing").unwrap_err().to_string();
+        assert!(message.contains("does not start: remove "), "{message}");
     }
 
     #[test]
     #[cfg(unix)]
-    fn what_python_or_pip_cannot_do_is_told_apart_from_faults() {
+    fn what_python_or_pip_cannot_do_is_distinguished_from_faults() {
         let folder = tempfile::tempdir().unwrap();
         let (home, list) = (folder.path().join("python"), folder.path().join("list"));
         fs::write(&list, "unicorn==2").unwrap();
@@ -219,9 +219,9 @@ esac
         ] {
             let system = false_python(folder.path(), version, fails_at);
             let error = environment(&system, &home, &list, "Unicorn").unwrap_err();
-            let told = format!("{error:#}");
-            assert!(told.contains(reason), "{told}");
-            assert!(error.is::<Unavailable>(), "{told}");
+            let message = format!("{error:#}");
+            assert!(message.contains(reason), "{message}");
+            assert!(error.is::<Unavailable>(), "{message}");
         }
         let left = fs::read_dir(folder.path()).unwrap().count();
         assert_eq!(left, 3, "the list, and the Python with its text");
@@ -251,7 +251,7 @@ esac
     }
 
     #[test]
-    fn a_command_that_fails_is_told_with_its_last_words() {
+    fn a_command_that_fails_is_reported_with_its_last_words() {
         assert!(quietly(Command::new("sh").args(["-c", "echo fine"])).is_ok());
         let mut broken = Command::new("sh");
         broken.args(["-c", "for i in 1 2 3 4 5 6; do echo $i; done; exit 1"]);

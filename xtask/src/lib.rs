@@ -42,8 +42,8 @@ pub fn main(run: impl FnOnce() -> Result<ExitCode>) -> ExitCode {
     })
 }
 
-/// The step rate that is promised of a proven one, Hz: whole thousands, so that it stays while code
-/// changes a little.
+/// The promised step rate for a proven step rate, Hz: whole thousands, so that small changes of the code keep the
+/// promise.
 pub const fn whole_thousands(hz: u32) -> u32 {
     hz / 1000 * 1000
 }

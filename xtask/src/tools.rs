@@ -40,9 +40,9 @@ pub struct Tool {
     profile: &'static str,
     /// What it is compiled for, if that is not this computer.
     target: Option<&'static str>,
-    /// It is a library that another program loads.
+    /// The tool is a library that another program loads.
     is_library: bool,
-    /// It does several commands: those who start it name one.
+    /// The tool has several commands: the caller names one.
     has_commands: bool,
 }
 
@@ -261,7 +261,7 @@ pub fn output<A: AsRef<OsStr>>(
 /// The tool that was built when this program was.
 fn built(tool: Tool, axes: u8) -> Result<PathBuf> {
     let here = env::current_exe().context("this program cannot be found")?;
-    let path = beside(&here, tool, axes, cargo::clock_mhz());
+    let path = tool_path(&here, tool, axes, cargo::clock_mhz());
     ensure!(
         path.exists(),
         "{} is not built: there is no {} (`cargo xtask` builds what it needs)",
@@ -272,7 +272,7 @@ fn built(tool: Tool, axes: u8) -> Result<PathBuf> {
 }
 
 /// Where Cargo has built a tool, if it has built the program `here`.
-fn beside(here: &Path, tool: Tool, axes: u8, clock_mhz: u32) -> PathBuf {
+fn tool_path(here: &Path, tool: Tool, axes: u8, clock_mhz: u32) -> PathBuf {
     let profile = here.parent().unwrap_or(here);
     let mut folder = profile.parent().unwrap_or(profile);
     for variant in ["axes-", "clock-"] {
@@ -439,7 +439,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_cargo_says_is_told_apart() {
+    fn messages_of_cargo_are_classified() {
         for (text, message) in [
             ("   Compiling anyhow v1.0.0\n", Message::Step),
             (
@@ -462,7 +462,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tool_lies_beside_another_or_in_the_folder_of_its_axes_and_clock() {
+    fn a_tool_lies_next_to_another_or_in_the_folder_of_its_axes_and_clock() {
         for (here, tool, axes, clock_mhz, there) in [
             ("target/tools/xtask", SIM, 3, 168, "target/tools/sim"),
             ("target/tools/xtask", SIM, 4, 168, "target/axes-4/tools/sim"),
@@ -491,7 +491,7 @@ mod tests {
         ] {
             let there = format!("{there}{}", env::consts::EXE_SUFFIX);
             assert_eq!(
-                beside(Path::new(here), tool, axes, clock_mhz),
+                tool_path(Path::new(here), tool, axes, clock_mhz),
                 Path::new(&there),
                 "{here}"
             );

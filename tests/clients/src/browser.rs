@@ -16,7 +16,7 @@ const END: &str = "at 0,0,0";
 
 /// Runs a script in an empty folder of a name; what it needs is made there, and its arguments are added, by `prepare`.
 /// Skipped with the reason where there is no browser.
-pub(super) fn look(
+pub(super) fn run_script(
     script: &str,
     folder: &str,
     prepare: impl FnOnce(&PathBuf, &mut Command) -> Result<()>,
@@ -34,16 +34,16 @@ pub(super) fn look(
     node.arg(install::scripts().join(script))
         .current_dir(&folder);
     prepare(&folder, &mut node)?;
-    let said = said(&mut node).with_context(|| format!("see {}", folder.display()))?;
+    let run_output = run_output(&mut node).with_context(|| format!("see {}", folder.display()))?;
     ensure!(
-        said.trim().ends_with(END),
-        "the script comes to no end: {said}"
+        run_output.trim().ends_with(END),
+        "the script comes to no end: {run_output}"
     );
     Ok(Verdict::Passed)
 }
 
 /// Runs a command, and returns what it prints.
-pub(super) fn said(command: &mut Command) -> Result<String> {
+pub(super) fn run_output(command: &mut Command) -> Result<String> {
     let output = command
         .stdin(Stdio::null())
         .output()

@@ -1,9 +1,9 @@
 //! The accounting of a serial line with Grbl's protocol: which answer belongs to which line.
 //!
-//! Pure: it is told what the sender and the machine have written, in the order in which it passed.
-//! It knows Grbl's protocol and no sender: every line gets exactly one answer, in order; what a `$`
-//! line lists comes right before its answer; `?` gets one report; nothing else is said unasked but
-//! messages, alarms and the welcome. Read with Grbl's notes on its interface.
+//! Pure: the input is the traffic of the sender and the machine, in its order. The rules are those of Grbl's protocol
+//! and of no sender. Every line gets exactly one answer, in order, and the list of a `$` line comes right before the
+//! answer. `?` gets one report. Only messages, alarms and the welcome come unasked. Read with Grbl's notes on its
+//! interface.
 
 use std::collections::VecDeque;
 
@@ -166,8 +166,8 @@ impl Grbl {
         }
     }
 
-    /// Passes by lines that cannot be the one that the machine is at, as far as they may have been
-    /// swallowed by a reset, or answered in the place of one that was.
+    /// Skips lines that the machine cannot execute now, if a reset may have discarded them, or if their answer may
+    /// have replaced the answer of a discarded line.
     fn skip_answered(&mut self, may_be: impl Fn(&Pending) -> bool) {
         while let Some(line) = self.pending.front()
             && (line.is_uncertain || self.doubtful > 0)

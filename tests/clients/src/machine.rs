@@ -59,22 +59,21 @@ pub(super) enum Machine {
 }
 
 impl Machine {
-    /// Starts one with the settings in a file and those beside it; also gives the line to it, and its
-    /// settings.
+    /// Starts a machine with the settings of a file and with overrides. Also returns its serial line and its settings.
     pub(super) fn start(
         place: Place,
         dialects: Dialects,
         folder: &Path,
         file: &Path,
-        beside: &[String],
+        overrides: &[String],
     ) -> Result<(Self, OwnedFd, Settings)> {
         match place {
             Place::Simulator => {
-                let loaded = settings::load(Some(file), beside)?;
-                let (machine, line) = simulator(folder, file, beside)?;
+                let loaded = settings::load(Some(file), overrides)?;
+                let (machine, line) = simulator(folder, file, overrides)?;
                 Ok((machine, line, loaded.settings))
             }
-            Place::Firmware => firmware(dialects, file, beside),
+            Place::Firmware => firmware(dialects, file, overrides),
         }
     }
 
@@ -109,7 +108,7 @@ impl Drop for Machine {
     }
 }
 
-fn simulator(folder: &Path, settings: &Path, beside: &[String]) -> Result<(Machine, OwnedFd)> {
+fn simulator(folder: &Path, settings: &Path, overrides: &[String]) -> Result<(Machine, OwnedFd)> {
     let link: PathBuf = folder.join("machine");
     let messages = fs::File::create(folder.join("machine.log"))?;
     let mut process = tools::command(tools::SIM)?
@@ -117,7 +116,7 @@ fn simulator(folder: &Path, settings: &Path, beside: &[String]) -> Result<(Machi
         .arg(&link)
         .arg("--settings")
         .arg(settings)
-        .args(beside.iter().flat_map(|setting| ["--set", setting]))
+        .args(overrides.iter().flat_map(|setting| ["--set", setting]))
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(messages)
@@ -160,13 +159,13 @@ fn built(board: &Board, dialects: Dialects) -> Result<PathBuf> {
 fn firmware(
     dialects: Dialects,
     file: &Path,
-    beside: &[String],
+    overrides: &[String],
 ) -> Result<(Machine, OwnedFd, Settings)> {
     cargo::need_qemu()?;
     let (board, machine) = firmware::boards::emulated()?;
     let elf = built(&board, dialects)?;
     let step_rate = firmware::image::read(&elf).map(StepRate::of_image)?;
-    let loaded = settings::load_for(step_rate, Some(file), beside)?;
+    let loaded = settings::load_for(step_rate, Some(file), overrides)?;
     let mut emulator = Emulator::start(&elf, &machine)?;
     emulator.wait_for_welcome(START_TIMEOUT)?;
     for statement in &loaded.statements {

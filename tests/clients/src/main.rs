@@ -1,8 +1,7 @@
 //! `cargo xtask test --clients`: sender programs at the simulator and at the firmware.
 //!
-//! Each sender is driven by a script in `tests/clients`, which says what it does and checks what the
-//! sender makes of it. Between the sender and the machine sits a tap, and whatever the script checks,
-//! the account of what passed must be right to the last byte: see [`grbl`] and [`reprap`].
+//! A script in `tests/clients` drives each sender and checks its results. A tap between the sender and the machine
+//! accounts for the traffic, which must be right to the last byte: see [`grbl`] and [`reprap`].
 
 mod account;
 mod browser;
@@ -58,7 +57,7 @@ const GLANCE: Duration = Duration::from_millis(20);
 /// How many of these must find nothing owed: the last bytes may still be on their way.
 const QUIET_GLANCES: u32 = 10;
 /// What a script prints.
-const SAID: &str = "script.log";
+const SCRIPT_LOG: &str = "script.log";
 /// How much of it is told when it fails.
 const LAST_LINES: usize = 25;
 /// How many of the last lines on the line are told then.
@@ -284,7 +283,7 @@ fn drive(sender: Sender, place: Place, wire: Wire) -> Result<Verdict> {
 
 /// One sender at one machine.
 struct Run {
-    /// What it leaves: all that passed, and what the script said.
+    /// The folder of the log of the traffic and of the script's output.
     folder: PathBuf,
     settings: Settings,
     machine: Machine,
@@ -325,7 +324,7 @@ impl Run {
     fn sender(&mut self, mut command: Command) -> Result<Option<String>> {
         let home = self.folder.join("home");
         fs::create_dir_all(&home)?;
-        let output = fs::File::create(self.folder.join(SAID))?;
+        let output = fs::File::create(self.folder.join(SCRIPT_LOG))?;
         let mut child = command
             // What senders keep of their users' settings stays here.
             .env("HOME", &home)
@@ -342,19 +341,19 @@ impl Run {
             let _ = rustix::process::kill_process_group(group, Signal::KILL);
         }
         let _ = child.wait();
-        let said = self.said();
-        let status = status.with_context(|| said.clone())?;
+        let script_output = self.script_output();
+        let status = status.with_context(|| script_output.clone())?;
         if !status.success() {
-            let lines: Vec<_> = said.lines().collect();
+            let lines: Vec<_> = script_output.lines().collect();
             let last = lines.len().saturating_sub(LAST_LINES);
             bail!("{}", lines[last..].join("\n"));
         }
-        Ok(said.lines().last().map(Into::into))
+        Ok(script_output.lines().last().map(Into::into))
     }
 
-    fn said(&self) -> String {
-        let said = fs::read(self.folder.join(SAID)).unwrap_or_default();
-        String::from_utf8_lossy(&said).into_owned()
+    fn script_output(&self) -> String {
+        let script_output = fs::read(self.folder.join(SCRIPT_LOG)).unwrap_or_default();
+        String::from_utf8_lossy(&script_output).into_owned()
     }
 
     /// Adds to an error what passed on the line before it.
@@ -371,7 +370,7 @@ impl Run {
                 return Ok(status);
             }
             self.machine.check()?;
-            if self.offset.is_none() && self.said().lines().any(|line| line == "homed") {
+            if self.offset.is_none() && self.script_output().lines().any(|line| line == "homed") {
                 self.measure()?;
             }
             let now = self.tap.seen().account.progress();
@@ -394,7 +393,10 @@ impl Run {
     fn measure(&mut self) -> Result<()> {
         let reported = self.steps(&self.reported()?);
         let made = self.machine.steps()?.unwrap_or_else(|| reported.clone());
-        let offset = made.iter().zip(&reported).map(|(made, told)| made - told);
+        let offset = made
+            .iter()
+            .zip(&reported)
+            .map(|(made, reported_mm)| made - reported_mm);
         self.offset = Some(offset.collect());
         fs::write(self.folder.join("measured"), "").context("cannot tell the script to go on")
     }
@@ -408,7 +410,8 @@ impl Run {
     fn steps(&self, position_mm: &[f64]) -> Vec<i32> {
         let scales = self.settings.steps_per_mm.0.iter();
         let scaled = scales.zip(position_mm);
-        let steps = scaled.map(|(scale, way)| scale.millionths() as f64 * 1e-6 * way);
+        let steps =
+            scaled.map(|(scale, displacement)| scale.millionths() as f64 * 1e-6 * displacement);
         steps.map(|steps| steps.round() as i32).collect()
     }
 
@@ -430,8 +433,8 @@ impl Run {
     }
 
     /// Checks that the machine is where the script says.
-    fn check_end(&mut self, account: &dyn Account, said: Option<&str>) -> Result<()> {
-        let place = said.and_then(|line| line.strip_prefix("at "));
+    fn check_end(&mut self, account: &dyn Account, script_output: Option<&str>) -> Result<()> {
+        let place = script_output.and_then(|line| line.strip_prefix("at "));
         let place = place.context("the script does not say where the machine is to be")?;
         let wanted: Result<Vec<f64>, _> = place.split(',').map(str::parse).collect();
         let wanted = wanted.context("the script does not say where the machine is to be")?;
@@ -441,11 +444,11 @@ impl Run {
             "the machine is at {reported:?} instead of {wanted:?}"
         );
         if let (Some(made), Some(offset)) = (self.machine.steps()?, &self.offset) {
-            let told = self.steps(&wanted);
-            let expected: Vec<_> = told
+            let reported_mm = self.steps(&wanted);
+            let expected: Vec<_> = reported_mm
                 .iter()
                 .zip(offset)
-                .map(|(told, more)| told + more)
+                .map(|(reported_mm, more)| reported_mm + more)
                 .collect();
             ensure!(
                 made == expected,

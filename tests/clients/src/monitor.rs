@@ -35,10 +35,10 @@ impl Monitor {
             .context("cannot start the monitor")?;
         let messages = process.stderr.take().context("the monitor is mute")?;
         let mut messages = BufReader::new(messages);
-        let mut said = String::new();
-        while !said.contains("http://") {
-            if messages.read_line(&mut said)? == 0 {
-                bail!("the monitor has ended: {}", said.trim());
+        let mut printed = String::new();
+        while !printed.contains("http://") {
+            if messages.read_line(&mut printed)? == 0 {
+                bail!("the monitor has ended: {}", printed.trim());
             }
         }
         Ok(Self { process, messages })
@@ -55,10 +55,10 @@ impl Monitor {
     /// Ends it, and checks that it has gone well until then.
     pub(super) fn end(mut self) -> Result<()> {
         self.interrupt();
-        let mut said = String::new();
-        self.messages.read_to_string(&mut said)?;
+        let mut printed = String::new();
+        self.messages.read_to_string(&mut printed)?;
         let status = self.process.wait()?;
-        ensure!(status.success(), "the monitor: {}", said.trim());
+        ensure!(status.success(), "the monitor: {}", printed.trim());
         Ok(())
     }
 
@@ -81,19 +81,19 @@ impl Drop for Monitor {
 
 /// Looks at the page in the middle of a path and at its end.
 pub(super) fn page() -> Result<Verdict> {
-    look(PATH_SCRIPT, "pico")
+    check_page(PATH_SCRIPT, "pico")
 }
 
 /// Looks at the page of a job in several sizes, in its middle and at its end.
 pub(super) fn live_page() -> Result<Verdict> {
-    look(JOB_SCRIPT, "plate")
+    check_page(JOB_SCRIPT, "plate")
 }
 
 /// Has a script start the monitor and the simulator, and look at the page while an example is sent.
-fn look(script: &str, example: &str) -> Result<Verdict> {
+fn check_page(script: &str, example: &str) -> Result<Verdict> {
     let examples = cargo::root().join("examples");
     let settings = if example == "pico" { "pico" } else { "mill" };
-    browser::look(script, &format!("monitor-{example}"), |_, node| {
+    browser::run_script(script, &format!("monitor-{example}"), |_, node| {
         for tool in [tools::MONITOR, tools::SIM] {
             node.arg(tools::command(tool)?.get_program());
         }
@@ -105,7 +105,7 @@ fn look(script: &str, example: &str) -> Result<Verdict> {
 
 /// Sends a page what ten minutes have, and looks at its memory.
 pub(super) fn memory() -> Result<Verdict> {
-    browser::look(MEMORY_SCRIPT, "monitor-memory", |_, node| {
+    browser::run_script(MEMORY_SCRIPT, "monitor-memory", |_, node| {
         node.arg(tools::command(tools::MONITOR)?.get_program());
         Ok(())
     })

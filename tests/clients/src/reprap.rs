@@ -1,12 +1,12 @@
 //! The accounting of a serial line on which a RepRap machine is driven.
 //!
-//! Pure, as [`Grbl`](super::grbl::Grbl) is for Grbl's protocol: each line that is not blank gets exactly
-//! one answer that begins with `ok`; a line that is asked for again was damaged.
+//! Pure, as [`Grbl`](super::grbl::Grbl). Each line that is not blank gets exactly one answer, beginning with `ok`.
+//! Only a damaged line is requested again.
 
 use super::account::{Account, whole_line};
 
-/// Beginnings of what a RepRap machine says besides `ok`.
-const SAID: [&str; 12] = [
+/// Beginnings of the messages of a RepRap machine besides `ok`.
+const KNOWN_MESSAGES: [&str; 12] = [
     "Error:",
     "Resend:",
     "echo:",
@@ -66,7 +66,7 @@ impl RepRap {
             }
         } else if text.starts_with('<') {
             self.report = text.into();
-        } else if !text.is_empty() && !SAID.iter().any(|begin| text.starts_with(begin)) {
+        } else if !text.is_empty() && !KNOWN_MESSAGES.iter().any(|begin| text.starts_with(begin)) {
             self.faults
                 .push(format!("nothing that a RepRap machine says: {text:?}"));
         }

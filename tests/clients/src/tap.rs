@@ -35,7 +35,7 @@ const WAIT: Timespec = Timespec {
 
 /// Which way bytes went.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Way {
+enum Direction {
     ToMachine,
     FromMachine,
 }
@@ -44,31 +44,31 @@ enum Way {
 #[derive(Clone)]
 struct Passed {
     at: Duration,
-    way: Way,
+    direction: Direction,
     bytes: Vec<u8>,
 }
 
 impl Passed {
     /// As text: the time in s, the way, the bytes.
     fn line(&self) -> String {
-        let way = match self.way {
-            Way::ToMachine => '>',
-            Way::FromMachine => '<',
+        let direction = match self.direction {
+            Direction::ToMachine => '>',
+            Direction::FromMachine => '<',
         };
         let (at_s, bytes) = (self.at.as_secs_f64(), self.bytes.escape_ascii());
-        format!("{at_s:9.4} {way} {bytes}")
+        format!("{at_s:9.4} {direction} {bytes}")
     }
 }
 
 /// What the tap has seen.
-pub(super) struct Seen {
+pub(super) struct Traffic {
     pub(super) account: Box<dyn Account>,
     passed: Vec<Passed>,
 }
 
 /// The two ends of the line; dropping it ends the thread.
 pub(super) struct Tap {
-    seen: Arc<Mutex<Seen>>,
+    seen: Arc<Mutex<Traffic>>,
     is_over: Arc<AtomicBool>,
     thread: Option<JoinHandle<Result<()>>>,
     _link: Link,
@@ -86,7 +86,7 @@ impl Tap {
         let (pty, link) = Pty::at(path)?;
         let flags = rustix::fs::fcntl_getfl(&machine)?;
         rustix::fs::fcntl_setfl(&machine, flags | OFlags::NONBLOCK)?;
-        let seen = Arc::new(Mutex::new(Seen::new(account)));
+        let seen = Arc::new(Mutex::new(Traffic::new(account)));
         let is_over = Arc::new(AtomicBool::new(false));
         let thread = {
             let (seen, is_over) = (seen.clone(), is_over.clone());
@@ -104,7 +104,7 @@ impl Tap {
     }
 
     /// What has passed so far.
-    pub(super) fn seen(&self) -> MutexGuard<'_, Seen> {
+    pub(super) fn seen(&self) -> MutexGuard<'_, Traffic> {
         self.seen.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -125,7 +125,7 @@ impl Drop for Tap {
     }
 }
 
-impl Seen {
+impl Traffic {
     fn new(account: Box<dyn Account>) -> Self {
         Self {
             account,
@@ -133,14 +133,14 @@ impl Seen {
         }
     }
 
-    fn take_note(&mut self, at: Duration, way: Way, bytes: &[u8]) {
-        match way {
-            Way::ToMachine => self.account.sent(bytes),
-            Way::FromMachine => self.account.received(bytes),
+    fn take_note(&mut self, at: Duration, direction: Direction, bytes: &[u8]) {
+        match direction {
+            Direction::ToMachine => self.account.sent(bytes),
+            Direction::FromMachine => self.account.received(bytes),
         }
         self.passed.push(Passed {
             at,
-            way,
+            direction,
             bytes: bytes.to_vec(),
         });
     }
@@ -160,7 +160,9 @@ impl Seen {
         for passed in self.passed.iter().rev() {
             let are_enough = lines.len() == count;
             match lines.front_mut() {
-                Some(next) if next.way == passed.way && !passed.bytes.ends_with(b"\n") => {
+                Some(next)
+                    if next.direction == passed.direction && !passed.bytes.ends_with(b"\n") =>
+                {
                     next.at = passed.at;
                     next.bytes.splice(0..0, passed.bytes.iter().copied());
                 }
@@ -178,7 +180,7 @@ impl Seen {
 /// comes before a tenth of a second of silence for a line.
 fn carry(
     (sender, machine): (impl AsFd, impl AsFd),
-    seen: &Mutex<Seen>,
+    seen: &Mutex<Traffic>,
     mut damage: Option<&mut Damage>,
     is_over: &AtomicBool,
 ) -> Result<()> {
@@ -205,22 +207,22 @@ fn carry(
             Ok(_) | Err(Errno::INTR) => {}
             Err(error) => return Err(error).context("cannot wait for bytes"),
         }
-        for (way, from, waiting) in [
-            (Way::ToMachine, sender.as_fd(), &mut to_machine),
-            (Way::FromMachine, machine.as_fd(), &mut to_sender),
+        for (direction, from, waiting) in [
+            (Direction::ToMachine, sender.as_fd(), &mut to_machine),
+            (Direction::FromMachine, machine.as_fd(), &mut to_sender),
         ] {
             let length = moved(rustix::io::read(from, &mut chunk))?;
             if length > 0 {
                 is_done = false;
-                let bytes = match (&mut damage, way) {
-                    (Some(damage), Way::ToMachine) => damage.sent(&chunk[..length]),
+                let bytes = match (&mut damage, direction) {
+                    (Some(damage), Direction::ToMachine) => damage.sent(&chunk[..length]),
                     _ => chunk[..length].to_vec(),
                 };
                 let mut seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
-                seen.take_note(start.elapsed(), way, &bytes);
+                seen.take_note(start.elapsed(), direction, &bytes);
                 drop(seen);
-                match (&mut damage, way) {
-                    (Some(damage), Way::FromMachine) => damage.received(&bytes, waiting),
+                match (&mut damage, direction) {
+                    (Some(damage), Direction::FromMachine) => damage.received(&bytes, waiting),
                     _ => waiting.extend(bytes),
                 }
             }
@@ -259,17 +261,17 @@ mod tests {
     use super::{super::grbl::Grbl, *};
 
     #[test]
-    fn the_last_lines_are_told_with_their_pieces_together() {
-        let mut seen = Seen::new(Box::<Grbl>::default());
-        for (ms, way, bytes) in [
-            (1, Way::ToMachine, "G0\n"),
-            (2, Way::FromMachine, "o"),
-            (3, Way::FromMachine, "k\r\n"),
-            (4, Way::ToMachine, "?"),
-            (5, Way::FromMachine, "<Id"),
-            (6, Way::FromMachine, "le"),
+    fn the_last_lines_are_reported_with_their_pieces_together() {
+        let mut seen = Traffic::new(Box::<Grbl>::default());
+        for (ms, direction, bytes) in [
+            (1, Direction::ToMachine, "G0\n"),
+            (2, Direction::FromMachine, "o"),
+            (3, Direction::FromMachine, "k\r\n"),
+            (4, Direction::ToMachine, "?"),
+            (5, Direction::FromMachine, "<Id"),
+            (6, Direction::FromMachine, "le"),
         ] {
-            seen.take_note(Duration::from_millis(ms), way, bytes.as_bytes());
+            seen.take_note(Duration::from_millis(ms), direction, bytes.as_bytes());
         }
         let last = seen.last(3);
         assert_eq!(

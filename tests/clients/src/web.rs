@@ -13,7 +13,7 @@ use common::{cargo, check::Verdict, tools};
 use pages::web::measure::{native, under_node};
 
 use super::{
-    browser::{self, said},
+    browser::{self, run_output},
     install,
 };
 
@@ -35,7 +35,7 @@ fn made(folder: &Path) -> Result<PathBuf> {
     let making = MAKING.lock();
     let folder = folder.join("page");
     let mut command = tools::command(tools::WEB)?;
-    said(command.arg("--output").arg(&folder)).context("the page cannot be made")?;
+    run_output(command.arg("--output").arg(&folder)).context("the page cannot be made")?;
     drop(making);
     Ok(folder.join("index.html"))
 }
@@ -131,7 +131,7 @@ pub(super) fn jobs() -> Result<Verdict> {
 
 /// Has a browser run jobs in the page.
 pub(super) fn page() -> Result<Verdict> {
-    browser::look(SCRIPT, "web-page", |folder, node| {
+    browser::run_script(SCRIPT, "web-page", |folder, node| {
         let index = made(folder)?;
         let examples = cargo::root().join("examples");
         let [program, settings] = ["plate.nc", "mill.settings"].map(|name| examples.join(name));

@@ -101,9 +101,9 @@ impl Row {
     }
 
     /// What our machine shows after a line.
-    fn of(end: &End, heard: Vec<String>) -> Self {
+    fn of(end: &End, received: Vec<String>) -> Self {
         let is_answer = |text: &String| Response::parse(text).is_some();
-        let (answers, messages): (Vec<_>, Vec<_>) = heard.into_iter().partition(is_answer);
+        let (answers, messages): (Vec<_>, Vec<_>) = received.into_iter().partition(is_answer);
         let mut position = [0.0; 3];
         for (at, mm) in position.iter_mut().zip(&end.parser_pos_mm) {
             *at = *mm;
@@ -145,9 +145,9 @@ impl Row {
             &theirs.tool.to_string(),
             is_kept.then_some(Deviation::ToolIsModal),
         );
-        let (ours_said, theirs_said) =
+        let (our_status, their_status) =
             (without_tool(&self.messages), without_tool(&theirs.messages));
-        let is_tool = ours_said == theirs_said && theirs.messages.contains(" T0 ");
+        let is_tool = our_status == their_status && theirs.messages.contains(" T0 ");
         push(
             "message",
             &self.messages,
@@ -217,8 +217,8 @@ pub(super) fn replay(table: &Table) -> Result<(usize, Vec<Difference>)> {
     for (number, (line, row)) in (1..).zip(lines.iter().zip(rows)) {
         let theirs = Row::read(row)
             .with_context(|| format!("row {number} of {} cannot be read", table.table.display()))?;
-        let heard = send(&mut player, line);
-        let ours = Row::of(&End::of(&player.machine), heard);
+        let received = send(&mut player, line);
+        let ours = Row::of(&End::of(&player.machine), received);
         let line = String::from_utf8_lossy(line);
         let differences = ours.differences(&theirs, &line).into_iter();
         let before = found.len();

@@ -123,8 +123,9 @@ fn compare_messages(run: &Run, figures: &Figures, found: &mut Vec<Difference>) {
         .filter(|(_, text)| !text.starts_with("(host:"));
     let recorded: Vec<_> = recorded.collect();
     let messages = figures.messages.iter();
-    let (told, ours): (Vec<_>, Vec<_>) = messages.partition(|(_, text)| of_message(text).is_some());
-    for (answers, text) in told {
+    let (common, ours): (Vec<_>, Vec<_>) =
+        messages.partition(|(_, text)| of_message(text).is_some());
+    for (answers, text) in common {
         found.push(Difference {
             what: "message",
             text: format!("`{text}` after {answers} answers"),
@@ -162,11 +163,11 @@ fn compare_steps(run: &Run, figures: &Figures, traits: &Traits, found: &mut Vec<
     let inexact = traits.arcs > 0 || traits.has_inches;
     for (axis, recorded) in run.final_steps.iter().enumerate() {
         let letter = char::from(b"XYZABC"[axis]);
-        let half_way = &traits.half_way[axis];
+        let ties = &traits.ties[axis];
         let ours = i64::from(figures.end.steps[axis]);
         let off = ours.abs_diff(*recorded);
         if off > u64::from(inexact) {
-            let by_design = off <= u64::from(inexact) + half_way.end;
+            let by_design = off <= u64::from(inexact) + ties.end;
             found.push(Difference {
                 what: "final steps",
                 text: format!("{letter} {ours}, Grbl {recorded}"),
@@ -183,7 +184,7 @@ fn compare_steps(run: &Run, figures: &Figures, traits: &Traits, found: &mut Vec<
         };
         if off > chords {
             // Each such point moves the end of one move and the beginning of the next.
-            let by_design = off <= chords + 2 * half_way.points + half_way.end;
+            let by_design = off <= chords + 2 * ties.points + ties.end;
             found.push(Difference {
                 what: "steps",
                 text: format!("{letter} {ours}, Grbl {recorded}"),
@@ -214,11 +215,11 @@ fn compare_time(run: &Run, figures: &Figures, traits: &Traits, found: &mut Vec<D
 
 /// What `$G`, `$#` and `?` say after the program.
 fn compare_end(run: &Run, played: &Played, found: &mut Vec<Difference>) {
-    let said = &played.said;
+    let answers = &played.answers;
     let recorded = run.final_modes.iter().chain(&run.final_params);
     let recorded: Vec<_> = recorded.chain([&run.final_status]).collect();
-    for index in 0..recorded.len().max(said.len()) {
-        let ours = said.get(index).map_or("nothing", String::as_str);
+    for index in 0..recorded.len().max(answers.len()) {
+        let ours = answers.get(index).map_or("nothing", String::as_str);
         let theirs = recorded.get(index).map_or("nothing", |text| text.as_str());
         if ours == theirs {
             continue;
@@ -305,7 +306,7 @@ mod tests {
     fn compared(figures: &Figures, traits: &Traits) -> Vec<Difference> {
         let played = Played {
             figures: figures.clone(),
-            said: vec!["[GC:G1 T0 F0]".into(), "<Idle>".into()],
+            answers: vec!["[GC:G1 T0 F0]".into(), "<Idle>".into()],
         };
         compare(&recorded(), &played, traits)
     }
@@ -329,8 +330,8 @@ mod tests {
         let mut figures = equal();
         figures.messages.clear();
         assert_eq!(what(&figures, &lines()), ["message"]);
-        let told = (2, "[MSG:Path deviation: 0.020 mm]".into());
-        figures.messages = vec![told, (2, "[MSG:Pgm End]".into())];
+        let common = (2, "[MSG:Path deviation: 0.020 mm]".into());
+        figures.messages = vec![common, (2, "[MSG:Pgm End]".into())];
         assert_eq!(what(&figures, &lines()), ["message"]);
         let mut figures = equal();
         figures.end.steps[0] = 1001;
@@ -347,11 +348,11 @@ mod tests {
     fn the_end_must_be_the_same_too() {
         let mut played = Played {
             figures: equal(),
-            said: vec!["[GC:G1 T3 F0]".into(), "<Idle>".into()],
+            answers: vec!["[GC:G1 T3 F0]".into(), "<Idle>".into()],
         };
         let found = compare(&recorded(), &played, &lines());
         assert_eq!(found[0].by_design, Some(Deviation::ToolIsModal));
-        played.said[1] = "<Alarm>".into();
+        played.answers[1] = "<Alarm>".into();
         let found = compare(&recorded(), &played, &lines());
         assert_eq!(Verdict::of(&found), Verdict::Differs);
     }
@@ -369,9 +370,9 @@ mod tests {
     }
 
     #[test]
-    fn points_half_way_between_steps_are_named() {
+    fn ties_between_steps_are_named() {
         let mut traits = lines();
-        traits.half_way[0].points = 1;
+        traits.ties[0].points = 1;
         let mut figures = equal();
         figures.steps_axis[0] = 1002;
         let found = compared(&figures, &traits);

@@ -83,7 +83,7 @@ deviations! {
     ShortStops: "D18", false,
         "holds and overrides act within 5 ms, resets decelerate: the axes are elsewhere then",
         "after a hold, door, cancel, override, reset or contact in motion: positions along the path, \
-         within 80 ms of travel and the way of the deceleration, and the times that go with them; at rest \
+         within 80 ms of travel and the distance of the deceleration, and the times that go with them; at rest \
          the place must stay";
     Rounding: "D19", false,
         "the last digit of a number half-way between two",

@@ -2,11 +2,11 @@
 
 mod end;
 mod explain;
-mod heard;
 mod known;
 mod outputs;
 mod pairs;
 mod reader;
+mod received;
 mod reports;
 mod rules;
 mod status;
@@ -24,7 +24,7 @@ pub(super) use self::{
     status::{Report, is_rounded_otherwise, is_tie},
 };
 
-use self::heard::Heard;
+use self::received::ReceivedLine;
 use super::{compare::Difference, deviation::has_mist};
 use simulation::{
     machine::Event,
@@ -118,10 +118,9 @@ impl Exchange {
         self.session.steps().any(|step| step.t.is_some())
     }
 
-    /// How long the answer to a line is waited for.
+    /// The time limit for the answer to a line.
     ///
-    /// A line that Grbl answered is waited for longer than Grbl was, so that one that comes late
-    /// does not get lost.
+    /// Where Grbl answered a line, the limit exceeds Grbl's time, so that a late answer is not lost.
     fn patience(&self, step: &Step) -> Patience {
         if step
             .recv
@@ -151,16 +150,19 @@ impl Exchange {
     }
 
     /// What Grbl sent, in order.
-    fn heard(&self) -> Vec<Heard> {
+    fn received(&self) -> Vec<ReceivedLine> {
         let steps = self.session.steps().enumerate();
         let steps = steps.filter(|(_, step)| step.boot.is_none());
         steps
             .flat_map(|(index, step)| {
-                step.recv.iter().enumerate().map(move |(line, text)| Heard {
-                    step: index,
-                    time_s: step.recv_t.get(line).copied(),
-                    text: text.clone(),
-                })
+                step.recv
+                    .iter()
+                    .enumerate()
+                    .map(move |(line, text)| ReceivedLine {
+                        step: index,
+                        time_s: step.recv_t.get(line).copied(),
+                        text: text.clone(),
+                    })
             })
             .collect()
     }
@@ -209,18 +211,18 @@ impl Exchange {
     /// When the recording ended, about.
     fn end_s(&self) -> f64 {
         let last = self.session.steps().last();
-        let heard = self.heard().last().and_then(|heard| heard.time_s);
+        let received = self.received().last().and_then(|received| received.time_s);
         let begun = last.and_then(|step| step.t).unwrap_or(0.0);
         let after = last.and_then(|step| step.after).unwrap_or(0.0);
-        (begun + after).max(heard.unwrap_or(0.0))
+        (begun + after).max(received.unwrap_or(0.0))
     }
 
     /// When Grbl told an alarm, s.
     fn alarms_s(&self) -> impl Iterator<Item = f64> {
-        let heard = self.heard().into_iter();
-        heard
-            .filter(|heard| heard.text.starts_with("ALARM:"))
-            .filter_map(|heard| heard.time_s)
+        let received = self.received().into_iter();
+        received
+            .filter(|received| received.text.starts_with("ALARM:"))
+            .filter_map(|received| received.time_s)
     }
 
     /// How far ours may be ahead at a time: whenever a motion ends, Grbl waits for the delay of its
@@ -273,9 +275,9 @@ impl Exchange {
 
     /// Whether Grbl had said `ALARM` and nothing about a reset since, or that less than 600 ms ago.
     fn is_after_alarm(&self, step: usize) -> bool {
-        let heard = self.heard();
+        let received = self.received();
         let is_known = |text: &str| {
-            heard
+            received
                 .iter()
                 .filter(|h| h.step <= step)
                 .rfind(|h| h.text.starts_with(text))
@@ -308,7 +310,7 @@ fn has_arc(line: &str) -> bool {
 /// An exchange as our machine had it.
 struct Played {
     boot: Vec<String>,
-    heard: Vec<Heard>,
+    received: Vec<ReceivedLine>,
     /// When each step began, from the first.
     began_s: Vec<f64>,
     /// From our time to the recording's, at each step.
@@ -329,7 +331,7 @@ impl Played {
         let is_timed = exchange.is_timed();
         let mut player = Player::new(session)?;
         let boot = player.take_lines();
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         let (mut began_s, mut shift_s) = (Vec::new(), Vec::new());
         for (index, step) in session.steps().enumerate() {
             let act = step.act()?;
@@ -342,20 +344,25 @@ impl Played {
                 continue;
             }
             player.play(step, &act, exchange.patience(step));
-            heard.extend(player.take_lines().into_iter().map(|(time, text)| Heard {
-                step: index,
-                time_s: is_timed.then_some(time + shift),
-                text,
-            }));
+            received.extend(
+                player
+                    .take_lines()
+                    .into_iter()
+                    .map(|(time, text)| ReceivedLine {
+                        step: index,
+                        time_s: is_timed.then_some(time + shift),
+                        text,
+                    }),
+            );
         }
         if !is_timed {
             let end = exchange.end.as_ref();
-            let rests = end.is_some_and(|end| end.idle == Some(true));
-            player.wait_for_standstill(if rests { REST_S } else { END_S });
+            let stands_still = end.is_some_and(|end| end.idle == Some(true));
+            player.wait_for_standstill(if stands_still { REST_S } else { END_S });
         }
         Ok(Self {
             boot: boot.into_iter().map(|(_, text)| text).collect(),
-            heard,
+            received,
             began_s,
             shift_s,
             end: End::of(&player.machine),
@@ -380,14 +387,19 @@ fn compare(exchange: &Exchange, played: &Played) -> Vec<Difference> {
             by_design: None,
         });
     }
-    let (our_reports, our_lines): (Vec<_>, Vec<_>) =
-        played.heard.iter().cloned().partition(Heard::is_report);
-    let (their_reports, their_lines): (Vec<_>, Vec<_>) =
-        exchange.heard().into_iter().partition(Heard::is_report);
+    let (our_reports, our_lines): (Vec<_>, Vec<_>) = played
+        .received
+        .iter()
+        .cloned()
+        .partition(ReceivedLine::is_report);
+    let (their_reports, their_lines): (Vec<_>, Vec<_>) = exchange
+        .received()
+        .into_iter()
+        .partition(ReceivedLine::is_report);
     let pairs = pairs::pair(exchange, played, &our_reports, &their_reports);
     let stops = stops::Stops::of(exchange, played, &pairs);
-    let judge = explain::Judge::new(exchange, played, &stops);
-    let diverged = judge.lines(&our_lines, &their_lines, &mut found);
+    let comparison = explain::LineComparison::new(exchange, played, &stops);
+    let diverged = comparison.lines(&our_lines, &their_lines, &mut found);
     if let Some(end) = &exchange.end {
         end::compare(exchange, (&played.end, end), &stops, &mut found);
     }

@@ -157,7 +157,7 @@ pub(super) struct Traits {
     /// `G20` words.
     pub(super) has_inches: bool,
     /// Points on which single precision can go either way.
-    pub(super) half_way: [HalfWay; AXES],
+    pub(super) ties: [Ties; AXES],
     /// The lines.
     pub(super) lines: Vec<String>,
 }
@@ -165,7 +165,7 @@ pub(super) struct Traits {
 /// Ends of moves that lie half-way between two steps of an axis, as far as single precision can
 /// tell.
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
-pub(super) struct HalfWay {
+pub(super) struct Ties {
     /// How many.
     pub(super) points: u64,
     /// 1 when the last end of all is one.
@@ -180,7 +180,7 @@ impl Traits {
         let mut program = Program::recorded(path)?;
         let mut reader = Reader::new(settings);
         while let Some(line) = program.next_line()? {
-            reader.look_at(&line);
+            reader.read_line(&line);
         }
         Ok(reader.traits)
     }
@@ -206,7 +206,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn look_at(&mut self, line: &[u8]) {
+    fn read_line(&mut self, line: &[u8]) {
         let text = String::from_utf8_lossy(line).into_owned();
         self.traits.lines.push(text);
         let code = sender::code(line);
@@ -229,25 +229,25 @@ impl<'a> Reader<'a> {
         self.interpreter.commit(&checked, &mut Outcome::default());
         let after = self.interpreter.position();
         for axis in (0..AXES).filter(|axis| before[*axis] != after[*axis]) {
-            self.look_at_end(axis, after[axis].to_mm_f64());
+            self.read_end(axis, after[axis].to_mm_f64());
         }
     }
 
     /// Whether single precision knows on which step a move ends.
-    fn look_at_end(&mut self, axis: usize, mm: f64) {
+    fn read_end(&mut self, axis: usize, mm: f64) {
         let scale = self.settings.steps_per_mm[axis].millionths() as f64 * 1e-6;
-        let half_way = &mut self.traits.half_way[axis];
+        let ties = &mut self.traits.ties[axis];
         // Reading, unit and offset round once each, and adding to the last position rounds again.
         let rounding = unit_in_last_place(mm) * 1.5;
         if self.is_incremental {
-            half_way.error_mm += rounding;
+            ties.error_mm += rounding;
         } else {
-            half_way.error_mm = rounding;
+            ties.error_mm = rounding;
         }
         let steps = mm * scale;
-        let error = half_way.error_mm * scale + unit_in_last_place(steps);
-        half_way.end = u64::from((steps.abs().fract() - 0.5).abs() <= error);
-        half_way.points += half_way.end;
+        let error = ties.error_mm * scale + unit_in_last_place(steps);
+        ties.end = u64::from((steps.abs().fract() - 0.5).abs() <= error);
+        ties.points += ties.end;
     }
 }
 
@@ -265,7 +265,7 @@ mod tests {
         let settings = Settings::default();
         let mut reader = Reader::new(&settings);
         for line in text.lines() {
-            reader.look_at(line.as_bytes());
+            reader.read_line(line.as_bytes());
         }
         reader.traits
     }
@@ -289,10 +289,10 @@ mod tests {
     fn points_between_steps_are_counted() {
         // 250 steps/mm: a step is 4 µm.
         let found = traits("G0 X0.002 Y0.004\nX0.003\nX0.006");
-        assert_eq!((found.half_way[0].points, found.half_way[0].end), (2, 1));
-        assert_eq!(found.half_way[1].points, 0);
+        assert_eq!((found.ties[0].points, found.ties[0].end), (2, 1));
+        assert_eq!(found.ties[1].points, 0);
         // 100 moves of 0.1 mm end 12.5 steps on, give or take what single precision loses.
         let steps = "G91\n".to_owned() + &"X0.1\n".repeat(1000) + "X0.00202";
-        assert_eq!(traits(&steps).half_way[0].end, 1);
+        assert_eq!(traits(&steps).ties[0].end, 1);
     }
 }

@@ -250,8 +250,8 @@ pub(super) const TANGENT: f64 = 0.05;
 /// How far beside the contour an entry by an arc begins at least, as a part of its chord.
 const LEAST_AHEAD: f64 = 0.1;
 
-/// What has to be left of a piece beside which the tool goes, mm: the end of an arc is rounded by up to
-/// 0.71 µm in a program, which decides whether the tool fits where less is left.
+/// Minimum length of the offset path of a piece, mm. A program rounds the end of an arc by up to 0.71 µm, which would
+/// decide whether the tool fits on a shorter path.
 const LEAST_LEFT: f64 = 1e-3;
 
 /// What the tool does at a corner.
@@ -401,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn ways_beside_a_square_meet_in_its_corners_or_go_around_them() {
+    fn offset_paths_of_a_square_meet_in_its_corners_or_go_around_them() {
         let corners = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]];
         let contour: Vec<_> = corners
             .windows(2)

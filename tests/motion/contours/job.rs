@@ -298,10 +298,10 @@ impl Job {
         let (end, direction) = (last.end(), last.direction(1.0));
         let aside = plus([0.0; 2], left(direction), self.side);
         let start = plus(end, aside, self.radius);
-        let away = plus(start, aside, 1.0 + 0.5 * self.radius);
+        let distant = plus(start, aside, 1.0 + 0.5 * self.radius);
         Piece::Line {
             start,
-            end: self.form.rounded(plus(away, direction, 1.0)),
+            end: self.form.rounded(plus(distant, direction, 1.0)),
         }
     }
 

@@ -14,11 +14,11 @@ pub(super) enum Misfit {
     Arc,
     /// A line is shorter than what a corner at its end takes of it.
     Line,
-    /// A line is shorter than what a corner at its start takes of it.
+    /// A line is shorter than the part that a corner at its start removes.
     Behind,
-    /// A line between two corners is shorter than what both take of it, and longer than what one does.
+    /// A line between two corners is shorter than the two parts that the corners remove, and longer than each part.
     Between,
-    /// The line behind an arc around the tool passes the way along it.
+    /// The line after an arc around the tool crosses the path along the arc.
     Missed,
 }
 

@@ -48,7 +48,7 @@ const TIMEOUT_TICKS: u64 = 20 * SECOND;
 /// What a program of slow moves and dwells may take.
 const LONGEST_PROGRAM_TICKS: u64 = 4 * 3600 * SECOND;
 /// Looks in which nothing happens, after which all lines of a host are done, whose answers nobody counts.
-const QUIET_LOOKS: u32 = 20;
+const QUIET_POLLS: u32 = 20;
 /// What a machine takes to stand and to answer after a reset.
 const RESET_TICKS: u64 = 10 * SECOND;
 
@@ -108,7 +108,7 @@ pub(crate) struct Bench {
     urgent: VecDeque<u8>,
     next_in: u64,
     next_out: u64,
-    heard: Vec<u8>,
+    received: Vec<u8>,
     /// Lines that the machine has received since its last reset, and the answers since its last welcome.
     received_lines: u64,
     answers: u64,
@@ -170,7 +170,7 @@ impl Bench {
             urgent: VecDeque::new(),
             next_in: 0,
             next_out: 0,
-            heard: Vec::new(),
+            received: Vec::new(),
             received_lines: 0,
             answers: 0,
             refusals: 0,
@@ -203,7 +203,7 @@ impl Bench {
         bench.run(SECOND / 10);
         if setup.kind != Kind::Laser {
             bench.send("$H");
-            assert!(bench.comes_to_rest(60 * SECOND), "homing has no end");
+            assert!(bench.reaches_standstill(60 * SECOND), "homing has no end");
             bench.take_offset();
         }
         bench
@@ -245,7 +245,7 @@ impl Bench {
             Action::Pass(ms) => self.run(u64::from(*ms) * MILLISECOND),
             Action::PowerFails => self.fail_power(),
             Action::PowerFailsInWrite { text, words, seed } => {
-                let is_at_rest = self.comes_to_rest(TIMEOUT_TICKS);
+                let is_at_rest = self.reaches_standstill(TIMEOUT_TICKS);
                 if is_at_rest {
                     self.simulator.flash().cut_after(*words, *seed);
                     self.writing = Some(text.clone());
@@ -269,11 +269,14 @@ impl Bench {
         self.reset();
         if self.state() == State::Alarm {
             self.send(if self.setup.is_reprap { "M999" } else { "$X" });
-            assert!(self.comes_to_rest(RESET_TICKS), "the machine stays locked");
+            assert!(
+                self.reaches_standstill(RESET_TICKS),
+                "the machine stays locked"
+            );
         }
         self.send("G90 G94 G21 G53 G1 X-3 Y-2 Z-4 F3000");
         assert!(
-            self.comes_to_rest(3600 * SECOND),
+            self.reaches_standstill(3600 * SECOND),
             "a move has no end in {:?}",
             self.state()
         );
@@ -296,7 +299,7 @@ impl Bench {
 
     /// The same until it has come to the end of what was sent. Nothing has been refused, and all is right.
     pub(crate) fn end_program(&mut self) {
-        self.work_until(|bench| bench.comes_to_rest(SECOND / 10));
+        self.work_until(|bench| bench.reaches_standstill(SECOND / 10));
         assert_eq!((self.state(), self.refusals), (State::Idle, 0), "refusals");
         self.check_position();
         self.check_answers();
@@ -316,14 +319,14 @@ impl Bench {
     /// Presses cycle start as often as it helps, and at last resets.
     fn recover(&mut self) {
         for _ in 0..8 {
-            if self.comes_to_rest(TIMEOUT_TICKS) {
+            if self.reaches_standstill(TIMEOUT_TICKS) {
                 return;
             }
             self.urgent.push_back(b'~');
         }
         self.reset();
         assert!(
-            self.comes_to_rest(RESET_TICKS),
+            self.reaches_standstill(RESET_TICKS),
             "a reset leads to no rest, but to {:?}",
             self.state()
         );
@@ -416,7 +419,7 @@ impl Bench {
 
     /// Runs until nothing happens any more, every line is answered and nothing moves. Returns false when that takes
     /// longer.
-    fn comes_to_rest(&mut self, limit: u64) -> bool {
+    fn reaches_standstill(&mut self, limit: u64) -> bool {
         let end = self.simulator.now() + limit;
         let (mut unanswered, mut quiet) = (0, 0);
         while self.simulator.now() < end {
@@ -432,7 +435,7 @@ impl Bench {
             }
             quiet += 1;
             let is_answered = if self.setup.is_reprap {
-                quiet == QUIET_LOOKS
+                quiet == QUIET_POLLS
             } else {
                 self.answers == self.received_lines
             };
@@ -518,7 +521,7 @@ impl Bench {
                 && let Some(byte) = self.simulator.send()
             {
                 self.next_out = now + BYTE_TICKS;
-                self.hear(byte, now);
+                self.receive_byte(byte, now);
                 self.simulator.settle();
             }
             if now >= self.silent_at {
@@ -545,7 +548,7 @@ impl Bench {
             let edge = self.simulator.advance(next.max(now));
             self.note_reset();
             if let Some(edge) = edge {
-                self.look_at(&edge);
+                self.check_edge(&edge);
                 continue;
             }
             // Nothing is stored in motion.
@@ -569,7 +572,7 @@ impl Bench {
             .or_else(|| self.can_send().then(|| self.line.pop_front()).flatten())
     }
 
-    fn look_at(&mut self, edge: &Edge) {
+    fn check_edge(&mut self, edge: &Edge) {
         let counted = match self.fault {
             Some(Fault::StepLost) if edge.is_rapid => edge.raise & !0b10,
             _ => edge.raise,
@@ -672,28 +675,28 @@ impl Bench {
         }
     }
 
-    fn hear(&mut self, byte: u8, now: u64) {
+    fn receive_byte(&mut self, byte: u8, now: u64) {
         self.silent_at = now + SECOND;
         match byte {
             b'\r' => {}
             b'\n' => {
-                let text = take(&mut self.heard);
-                self.hear_line(&String::from_utf8_lossy(&text));
+                let text = take(&mut self.received);
+                self.receive_line(&String::from_utf8_lossy(&text));
             }
             byte => {
                 if byte == b'<'
-                    && self.heard.is_empty()
+                    && self.received.is_empty()
                     && let Some(asked) = self.asked.take()
                 {
                     let waited = now - asked;
                     assert!(waited <= PROMPT_TICKS, "a `?` waits {waited} ticks");
                 }
-                self.heard.push(byte);
+                self.received.push(byte);
             }
         }
     }
 
-    fn hear_line(&mut self, line: &str) {
+    fn receive_line(&mut self, line: &str) {
         let is_garbled = self.fault == Some(Fault::AnswerGarbled) && line == "error:20";
         let is_known = if self.setup.is_reprap {
             answers::is_known_to_hosts(line)
@@ -744,8 +747,9 @@ impl Bench {
         } else if line.contains("ALARM:") {
             self.is_alarm_of_probe = PROBE_ALARMS.iter().any(|alarm| line.contains(alarm));
         } else if line.starts_with('<') {
-            let is_untold = self.fault == Some(Fault::OffsetUntold) && self.reports.knows_offset();
-            let line = if is_untold {
+            let is_unreported =
+                self.fault == Some(Fault::OffsetUntold) && self.reports.knows_offset();
+            let line = if is_unreported {
                 line.replace("WCO", "WC0")
             } else {
                 line.into()

@@ -90,26 +90,26 @@ const DAY_GROWTH_KIB: u64 = 512;
 
 fn run_day(seed: u64) -> Result<ExitCode> {
     let progress = ProgressBar::new_spinner();
-    let (mut memory, mut told) = (None, String::new());
+    let (mut memory, mut summary) = (None, String::new());
     let panic = panic_of(|| {
         day::work(seed, DAY_HOURS, proven::committed(), |worked| {
             memory = memory.or_else(resident_kib);
-            told = format!(
+            summary = format!(
                 "{:.1} h, {} lines, {} bytes of the operator",
                 worked.seconds / 3600.0,
                 HumanCount(worked.lines),
                 HumanCount(worked.presses)
             );
-            progress.set_message(told.clone());
+            progress.set_message(summary.clone());
             progress.tick();
         });
     });
     progress.finish_and_clear();
     if let Some(panic) = panic {
-        bail!("{panic}\nafter {told}; again: cargo xtask soak --day --seed {seed}");
+        bail!("{panic}\nafter {summary}; again: cargo xtask soak --day --seed {seed}");
     }
     ensure_no_growth(memory, DAY_GROWTH_KIB)?;
-    ui::status("Worked", &told);
+    ui::status("Worked", &summary);
     Ok(ExitCode::SUCCESS)
 }
 

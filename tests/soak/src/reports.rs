@@ -19,7 +19,7 @@ const PROBE_CHANGES: usize = 32;
 #[derive(Default)]
 pub(crate) struct ReportRules {
     /// The work offset as it was told last, since the last welcome.
-    told_offset: Option<[f64; AXES]>,
+    reported_offset: Option<[f64; AXES]>,
     /// Reports since then.
     without_offset: u32,
     /// The offsets that have been in effect, each with the time at which it came into effect.
@@ -27,19 +27,19 @@ pub(crate) struct ReportRules {
     /// Where the machine was when the probe changed, mm.
     probe_changes: VecDeque<Axes<f64>>,
     /// The result of probing that was told last.
-    told_probe: String,
+    reported_probe: String,
 }
 
 impl ReportRules {
     /// The machine has been switched on, or reset: the next report has the work offset.
     pub(crate) fn restart(&mut self) {
-        self.told_offset = None;
+        self.reported_offset = None;
         self.without_offset = 0;
     }
 
     /// Whether the sender has been told a work offset.
     pub(crate) fn knows_offset(&self) -> bool {
-        self.told_offset.is_some()
+        self.reported_offset.is_some()
     }
 
     /// Notes the work offset in effect. What was before `since` is forgotten.
@@ -58,11 +58,11 @@ impl ReportRules {
 
     /// Panics if a report lets the sender believe in an offset that has not been in effect lately.
     pub(crate) fn check_report(&mut self, report: &str, is_rotated: bool) {
-        let told = report
+        let reported = report
             .split(['|', '>'])
             .find_map(|field| field.strip_prefix("WCO:"));
-        if let Some(told) = told {
-            self.told_offset = coordinates(told);
+        if let Some(reported) = reported {
+            self.reported_offset = coordinates(reported);
             self.without_offset = 0;
         } else {
             self.without_offset += 1;
@@ -72,7 +72,7 @@ impl ReportRules {
             "{} reports have no WCO",
             self.without_offset
         );
-        let believed = self.told_offset.expect("no WCO since the welcome");
+        let believed = self.reported_offset.expect("no WCO since the welcome");
         let is_true = |(_, offset): &(u64, Axes<Nm>)| {
             let mut axes = believed.iter().zip(offset);
             axes.all(|(believed, offset)| (believed - offset.0 as f64 * 1.0e-6).abs() < ROUNDING_MM)
@@ -94,25 +94,25 @@ impl ReportRules {
 
     /// Panics if a probe is told to have changed where it has not. The machine's own coordinates are those of the
     /// changes if `is_comparable`.
-    pub(crate) fn check_probe(&mut self, told: &str, is_comparable: bool) {
-        let place = told
+    pub(crate) fn check_probe(&mut self, reported: &str, is_comparable: bool) {
+        let place = reported
             .strip_prefix("[PRB:")
-            .and_then(|told| told.strip_suffix(":1]"));
+            .and_then(|reported| reported.strip_suffix(":1]"));
         if let Some(place) = place.and_then(coordinates)
             && is_comparable
-            && told != self.told_probe
+            && reported != self.reported_probe
         {
             let is_at = |change: &Axes<f64>| {
                 let mut axes = place.iter().zip(change);
-                axes.all(|(told, true_mm)| (told - true_mm).abs() < ROUNDING_MM)
+                axes.all(|(reported, true_mm)| (reported - true_mm).abs() < ROUNDING_MM)
             };
             assert!(
                 self.probe_changes.iter().any(is_at),
-                "{told}, but the probe has changed at {:?} mm",
+                "{reported}, but the probe has changed at {:?} mm",
                 self.probe_changes
             );
         }
-        told.clone_into(&mut self.told_probe);
+        reported.clone_into(&mut self.reported_probe);
     }
 }
 
@@ -134,7 +134,7 @@ mod tests {
     use crate::quiet::panic_of;
 
     #[test]
-    fn the_work_offset_is_told_in_each_thirtieth_report() {
+    fn the_work_offset_is_reported_in_each_thirtieth_report() {
         let mut rules = ReportRules::default();
         rules.note_offset(&Simulator::new(&Settings::default()), 0);
         let zeros = ["0.000"; AXES].join(",");

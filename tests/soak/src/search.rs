@@ -221,8 +221,8 @@ mod tests {
     fn hours_of_the_machine_and_numbers_of_histories_are_kept() {
         let hours = search(1, Until::MachineHours(0.02), STEP_RATE, None, |_| {}).unwrap();
         assert!(hours.machine_seconds >= 72.0, "{hours:?}");
-        let mut told = 0;
-        let done = search(1, Until::Histories(2), STEP_RATE, None, |_| told += 1).unwrap();
-        assert_eq!((done.histories, told), (2, 2));
+        let mut calls = 0;
+        let done = search(1, Until::Histories(2), STEP_RATE, None, |_| calls += 1).unwrap();
+        assert_eq!((done.histories, calls), (2, 2));
     }
 }

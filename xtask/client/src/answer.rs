@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn the_step_rate_is_told_by_this_firmware_only() {
+    fn the_step_rate_is_reported_by_this_firmware_only() {
         for (line, rate) in [
             (
                 "[MSG:Step rate: 200000 Hz, proven]",

@@ -1,10 +1,10 @@
 //! Grbl's protocol from the computer's side, for any machine that speaks it: Grbl 1.1, grblHAL, `FluidNC`, Leadscrew.
 //!
-//! The core is pure. Bytes that have come become lines ([`Lines`]), and lines what they mean ([`Line`]): the
-//! [`Response`] to a statement, a status [`Report`], an alarm, an answer to a `$` statement. [`Sender`] tells when
-//! the machine has room for a statement, and which one an answer belongs to. [`Status`] keeps what only some
-//! reports have. Files, sockets and clocks are its caller's: with the feature `os` those of [`Link`], a serial port
-//! or a TCP address, and of [`Machine`], which asks and waits for what is answered.
+//! The core is pure. [`Lines`] divides received bytes into lines. [`Line`] is the meaning of a line: the
+//! [`Response`] to a statement, a status [`Report`], an alarm, an answer to a `$` statement. [`Sender`] knows when
+//! the machine has room for a statement, and which statement an answer belongs to. [`Status`] keeps the fields
+//! that only some reports have. Files, sockets and clocks belong to the caller: with the feature `os` to [`Link`],
+//! a serial port or a TCP address, and to [`Machine`], which sends requests and waits for answers.
 //!
 //! Positions, offsets and feeds are in the unit of the reports: mm and mm/min, or inches and inches/min where `$13`
 //! is 1; degrees for rotary axes. What only Leadscrew says is read where it comes, and never needed.

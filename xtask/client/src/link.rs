@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn a_machine_that_serves_another_is_told() {
+    fn a_machine_that_serves_another_is_reported() {
         let (mut link, mut other) = link();
         other.write_all(b"[MSG:In use by process 7]\r\n").unwrap();
         let error = link.wait_for_line(WRITE, None).unwrap_err().to_string();

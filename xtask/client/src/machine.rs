@@ -130,7 +130,7 @@ impl Machine {
         } else {
             String::new()
         };
-        let why = meaning::behind_comma(meaning::error(number));
+        let why = meaning::after_comma(meaning::error(number));
         anyhow!("the machine refuses {text}{state}: error:{number}{why}")
     }
 
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_in_place_of_an_answer_is_told() {
+    fn what_comes_in_place_of_an_answer_is_reported() {
         let mut machine = machine(grbl);
         let mut error = |text| machine.ask_for(text, SHORT).unwrap_err().to_string();
         assert!(error("G999").starts_with("the machine refuses G999: error:20, "));

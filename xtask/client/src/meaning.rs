@@ -23,7 +23,7 @@ pub fn alarm(number: &str) -> Option<&'static str> {
 
 /// A meaning behind what has it: after a comma, or nothing where there is none.
 #[must_use]
-pub fn behind_comma(meaning: Option<&str>) -> String {
+pub fn after_comma(meaning: Option<&str>) -> String {
     meaning.map_or_else(String::new, |text| format!(", {text}"))
 }
 
@@ -37,7 +37,7 @@ mod tests {
         assert_eq!(error(999), None);
         assert!(alarm("1").is_some_and(|text| text.contains("limit switch")));
         assert_eq!((alarm("99"), alarm("Hard limit")), (None, None));
-        assert_eq!(behind_comma(Some("why")), ", why");
-        assert_eq!(behind_comma(None), "");
+        assert_eq!(after_comma(Some("why")), ", why");
+        assert_eq!(after_comma(None), "");
     }
 }

@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_or_joined_is_no_report() {
+    fn a_truncated_or_joined_line_is_no_report() {
         for line in [
             "ok",
             "<Idle|MPos:1",
@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_not_been_told_is_not_known_and_what_has_is_kept() {
+    fn what_has_not_been_reported_is_not_known_and_what_has_is_kept() {
         let mut status = Status::default();
         assert!(status.read("<Hold:0|WPos:0.000,0.000,0.000|FS:0,0|Ov:110,25,100>"));
         assert_eq!(status.machine_position(), None);

@@ -151,9 +151,9 @@ enum Outcome {
     Failed,
 }
 
-/// Builds the firmware of boards with each number of axes, looks what it leaves free, and starts it on a model of its
-/// chip: two at a time, those of one chip one after the other, in a folder of their own. Returns false where one does
-/// not start or leaves too little.
+/// Builds the firmware of boards with each number of axes, measures the free flash, and starts each firmware on a
+/// model of its chip. Two chips run at a time, each in its own folder; the firmwares of a chip run one after the
+/// other. Returns false where one does not start or leaves too little.
 fn starts(boards: &[Board]) -> Result<bool> {
     // Once: what cannot be had is not asked for with each.
     let unstarted = rehearsal::python()?.err();
@@ -176,12 +176,12 @@ fn starts(boards: &[Board]) -> Result<bool> {
         Ok(outcomes)
     };
     let outcomes = thread::scope(|scope| {
-        let beside = scope.spawn(|| work(&top.join("second")));
+        let second = scope.spawn(|| work(&top.join("second")));
         let own = work(&top);
-        let beside = beside
+        let second = second
             .join()
             .map_err(|_| anyhow!("a thread has panicked"))?;
-        anyhow::Ok([own?, beside?].concat())
+        anyhow::Ok([own?, second?].concat())
     })?;
     let count = |which| outcomes.iter().filter(|it| **it == which).count();
     let (left_out, all) = (count(Outcome::NotStarted), outcomes.len());
@@ -202,15 +202,15 @@ fn start(board: &Board, axes: usize, into: &Path, unstarted: Option<&str>) -> Re
         command.arg(format!("--unstarted={reason}"));
     }
     let output = command.output()?;
-    let (outcome, told) = if !output.status.success() {
+    let (outcome, message) = if !output.status.success() {
         (Outcome::Failed, output.stderr)
     } else if output.stdout.starts_with(NOT_STARTED.as_bytes()) {
         (Outcome::NotStarted, output.stdout)
     } else {
         (Outcome::Started, output.stdout)
     };
-    let told = String::from_utf8_lossy(&told);
-    println!("{} with {axes} axes: {}", board.name, told.trim_end());
+    let message = String::from_utf8_lossy(&message);
+    println!("{} with {axes} axes: {}", board.name, message.trim_end());
     Ok(outcome)
 }
 
@@ -219,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn outputs_of_3_ma_are_told() {
+    fn outputs_of_3_ma_are_reported() {
         for (name, pins) in [
             ("blackpill-f411", Some("PC14, PC15: ")),
             ("btt-skr-2", Some("PC13: ")),

@@ -96,8 +96,8 @@ pub fn named(name: &str) -> Result<Board> {
     bail!("there is no board {name:?}; the boards are{known}")
 }
 
-/// The boards that a command's options choose: that of a name, every one, or else the default one, which the
-/// user is told.
+/// The boards that the options of a command choose: a named board, every board, or the default board, whose name is
+/// printed.
 pub fn chosen(name: Option<&str>, are_all: bool) -> Result<Vec<Board>> {
     if are_all {
         return all();

@@ -20,7 +20,7 @@ use std::{
 
 use crate::boards::{
     Board,
-    compile::{self, copy_beside, place, replace},
+    compile::{self, copy_next_to, place, replace},
 };
 use anyhow::{Context, Result};
 use common::{BAUD, text::separated, tools, ui};
@@ -44,14 +44,14 @@ fn proven_if_possible(board: &Board, options: &[&str], suffix: &str) -> Result<P
     Ok(elf)
 }
 
-/// Builds a firmware, proves it and writes what is proven into it; also gives what of that failed.
+/// Builds and proves a firmware and writes the proven step rate into the file. Also returns the failures of the proof.
 ///
 /// The file is whole at any time, for somebody may boot it: no firmware takes the place of a proven
 /// one before it is proven.
 fn prove_with(board: &Board, options: &[&str], suffix: &str) -> Result<(PathBuf, Result<()>)> {
     let mut image = compile::image(board, options)?;
     let elf = place(board, suffix);
-    let copy = copy_beside(&elf, &image)?;
+    let copy = copy_next_to(&elf, &image)?;
     let proof = prove(&copy, board).and_then(|hz| image::write(&mut image, hz));
     fs::remove_file(&copy).with_context(|| format!("cannot remove {}", copy.display()))?;
     replace(&elf, &image)?;
@@ -97,8 +97,7 @@ pub fn traced_for_emulator(board: &Board) -> Result<PathBuf> {
     proven_if_possible(board, &options, "-trace-emulated")
 }
 
-/// Copies a firmware and lets the copy say that it is proven for a step rate: for what finds out
-/// what happens at rates that are not.
+/// Copies a firmware and declares the copy proven for a step rate: for experiments at rates without a proof.
 pub fn as_if_proven(elf: &Path, hz: u32) -> Result<PathBuf> {
     let copy = elf.with_extension(format!("{hz}-hz.elf"));
     write_rate(elf, &copy, hz)?;

@@ -71,9 +71,9 @@ fn start(options: Start) -> Result<ExitCode> {
     let free = layout::check(&board, &image)?.free();
     let kib = format!("{:.1} KiB of flash are free", f64::from(free) / 1024.0);
     ensure!(
-        free >= layout::LEAST_FREE_BYTES,
+        free >= layout::MIN_FREE_BYTES,
         "only {kib}: {} KiB have to be",
-        layout::LEAST_FREE_BYTES / 1024
+        layout::MIN_FREE_BYTES / 1024
     );
     let elf = compile::place(&board, "-unproven");
     compile::replace(&elf, &image)?;
@@ -81,11 +81,11 @@ fn start(options: Start) -> Result<ExitCode> {
         Some(reason) => Err(reason),
         None => rehearsal::python()?,
     };
-    let told = match python {
+    let outcome = match python {
         Ok(python) => format!("starts {}", rehearsal::rehearse(&board, &elf, &python)?),
         Err(reason) => format!("{}: {reason}", board::NOT_STARTED),
     };
-    println!("{told}; {kib}");
+    println!("{outcome}; {kib}");
     Ok(ExitCode::SUCCESS)
 }
 

@@ -52,7 +52,7 @@ pub fn rehearse(board: &Board, elf: &Path, python: &Path) -> Result<String> {
         found.is_empty(),
         "{} does not start as it should\n{}",
         board.name,
-        told(&found, states.len())
+        fault_list(&found, states.len())
     );
     Ok(format!("from {} states of the chip", states.len()))
 }
@@ -61,22 +61,22 @@ pub fn rehearse(board: &Board, elf: &Path, python: &Path) -> Result<String> {
 fn test_model(mut python: Command) -> Result<()> {
     python.args(["-m", "unittest", "discover", "--start-directory"]);
     let output = python.arg(scripts()).output()?;
-    let told = String::from_utf8_lossy(&output.stderr);
+    let message = String::from_utf8_lossy(&output.stderr);
     ensure!(
         output.status.success(),
         "the model of the chip is wrong\n{}",
-        told.trim_end()
+        message.trim_end()
     );
     // Before version 3.12, Python is content with that.
     ensure!(
-        !told.contains("Ran 0 tests"),
+        !message.contains("Ran 0 tests"),
         "the model of the chip has no tests"
     );
     Ok(())
 }
 
 /// Each fault with the states in which it is found.
-fn told(found: &BTreeMap<String, Vec<&str>>, all: usize) -> String {
+fn fault_list(found: &BTreeMap<String, Vec<&str>>, all: usize) -> String {
     let lines = found.iter().map(|(fault, states)| {
         let states = if states.len() == all {
             "every state".into()
@@ -244,8 +244,8 @@ mod tests {
     }
 
     #[test]
-    fn the_model_is_told_of_pins_that_lse_would_keep() {
-        let mut told = Vec::new();
+    fn the_model_receives_the_pins_that_lse_would_keep() {
+        let mut passed = Vec::new();
         for board in crate::boards::all().unwrap() {
             // The column of three axes.
             let table = crate::boards::pins::table(&board).unwrap();
@@ -253,11 +253,11 @@ mod tests {
             let uses =
                 cells.any(|cell| ["PC13", "PC14", "PC15"].iter().any(|it| cell.contains(it)));
             let facts = facts(&board, 82).unwrap();
-            let is_told = facts.contains(&"--uses-c13".into());
-            assert_eq!(is_told, uses, "{}", board.name);
-            told.push(is_told);
+            let is_passed = facts.contains(&"--uses-c13".into());
+            assert_eq!(is_passed, uses, "{}", board.name);
+            passed.push(is_passed);
         }
-        assert!(told.contains(&true) && told.contains(&false));
+        assert!(passed.contains(&true) && passed.contains(&false));
     }
 
     #[test]
@@ -297,9 +297,9 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_is_told_with_its_states() {
+    fn a_fault_is_reported_with_its_states() {
         let found = BTreeMap::from([("a".into(), vec!["x"]), ("b".into(), vec!["x", "y"])]);
-        assert_eq!(told(&found, 2), "a (x)\nb (every state)");
+        assert_eq!(fault_list(&found, 2), "a (x)\nb (every state)");
     }
 
     #[test]

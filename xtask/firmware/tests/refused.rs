@@ -54,8 +54,8 @@ fn a_firmware_in_the_wrong_place_is_refused_by_build_and_size() {
         let elf = elf(&folder, address, stack, bytes);
         for verb in [&["build", "--unproven"][..], &["build"], &["size"]] {
             let output = tool(&folder, &elf, &[verb, &["--board", board]].concat());
-            let told = String::from_utf8_lossy(&output.stderr);
-            assert!(told.contains(reason), "{name}, {verb:?}: {told}");
+            let message = String::from_utf8_lossy(&output.stderr);
+            assert!(message.contains(reason), "{name}, {verb:?}: {message}");
             assert!(!output.status.success(), "{name}, {verb:?}");
             assert!(!folder.join("firmware").exists(), "{name}, {verb:?}");
         }

@@ -46,7 +46,7 @@ fn asked(folder: &Path, part: &str) -> usize {
     asked.lines().filter(|line| line.contains(part)).count()
 }
 
-const NOTHING_ELSE: [&str; 2] = ["nothing", ":"];
+const NO_OVERRIDE: [&str; 2] = ["nothing", ":"];
 const CHECK: [&str; 4] = ["board", "check", BOARD, "--prove"];
 /// The program may have 736 KiB.
 const BYTES: u32 = 36 * 1024;
@@ -55,7 +55,7 @@ const STARTS: &str = "starts from 14 states of the chip; 700.0 KiB of flash are 
 #[test]
 fn a_firmware_starts_from_every_state_or_is_refused_with_the_fault_and_the_state() {
     let folder = folder("rehearsed");
-    let output = run(&folder, BYTES, NOTHING_ELSE, &["start", BOARD]);
+    let output = run(&folder, BYTES, NO_OVERRIDE, &["start", BOARD]);
     assert_eq!(lines(&output.stdout), [STARTS]);
     assert!(output.status.success());
     assert_eq!(asked(&folder, "rehearse.py"), 14);
@@ -64,26 +64,21 @@ fn a_firmware_starts_from_every_state_or_is_refused_with_the_fault_and_the_state
     fs::remove_dir_all(folder.join("boot")).expect("it has been made");
     let output = run(&folder, BYTES, faulty, &["start", BOARD]);
     assert_eq!(output.status.code(), Some(1));
-    let told = lines(&output.stderr);
+    let messages = lines(&output.stderr);
     let expected = "error: btt-skr-2 does not start as it should";
-    let at = told.iter().position(|line| line == expected);
-    let fault = at.and_then(|at| told.get(at + 1));
+    let at = messages.iter().position(|line| line == expected);
+    let fault = at.and_then(|at| messages.get(at + 1));
     assert_eq!(
         fault.map(String::as_str),
         Some("VTOR is 0x0 (PRIGROUP 3)"),
-        "{told:?}"
+        "{messages:?}"
     );
 }
 
 #[test]
 fn the_check_of_a_board_fails_with_one_firmware() {
     for (name, other, status, four_axes) in [
-        (
-            "starts",
-            NOTHING_ELSE,
-            0,
-            "starts from 2 states of the chip",
-        ),
+        ("starts", NO_OVERRIDE, 0, "starts from 2 states of the chip"),
         (
             "fails",
             ["*axes-4*--lse*", "echo LSEON is set; exit 1"],
@@ -94,23 +89,30 @@ fn the_check_of_a_board_fails_with_one_firmware() {
         let folder = folder(name);
         let output = run(&folder, BYTES, other, &CHECK);
         assert_eq!(output.status.code(), Some(status), "{output:?}");
-        let told = lines(&output.stdout);
+        let messages = lines(&output.stdout);
         assert!(
-            told.contains(&format!("{BOARD} with 3 axes: {STARTS}")),
-            "{told:?}"
+            messages.contains(&format!("{BOARD} with 3 axes: {STARTS}")),
+            "{messages:?}"
         );
         for begins in [
             format!("{BOARD} with 4 axes: "),
             format!("{BOARD} with 5 axes: starts from 2 states of the chip; "),
         ] {
             assert!(
-                told.iter().any(|line| line.starts_with(&begins)),
-                "{told:?}"
+                messages.iter().any(|line| line.starts_with(&begins)),
+                "{messages:?}"
             );
         }
-        assert!(told.iter().any(|line| line.contains(four_axes)), "{told:?}");
+        assert!(
+            messages.iter().any(|line| line.contains(four_axes)),
+            "{messages:?}"
+        );
         let fault = "LSEON is set (all of these)";
-        assert_eq!(told.contains(&fault.into()), status == 1, "{told:?}");
+        assert_eq!(
+            messages.contains(&fault.into()),
+            status == 1,
+            "{messages:?}"
+        );
         assert_eq!(asked(&folder, "-m pip"), 1);
     }
 }
@@ -140,17 +142,20 @@ fn firmware_that_cannot_be_started_here_is_counted_and_no_fault() {
         let folder = folder(name);
         let output = run(&folder, BYTES, other, &CHECK);
         assert!(output.status.success(), "{output:?}");
-        let told = lines(&output.stdout);
+        let messages = lines(&output.stdout);
         let first =
             format!("{BOARD} with 3 axes: not started: {reason}; 700.0 KiB of flash are free");
-        assert!(told.contains(&first), "{told:?}");
+        assert!(messages.contains(&first), "{messages:?}");
         let last = format!("3 of 3 were not started: {reason}");
-        assert_eq!(told.last(), Some(&last), "{told:?}");
+        assert_eq!(messages.last(), Some(&last), "{messages:?}");
         assert_eq!(asked(&folder, "-m pip"), pips, "{name}");
         // One alone asks itself.
         let output = run(&folder, BYTES, other, &["start", BOARD]);
-        let told = lines(&output.stdout);
-        assert_eq!(told, [first.trim_start_matches("btt-skr-2 with 3 axes: ")]);
+        let messages = lines(&output.stdout);
+        assert_eq!(
+            messages,
+            [first.trim_start_matches("btt-skr-2 with 3 axes: ")]
+        );
     }
 }
 
@@ -165,12 +170,12 @@ fn a_firmware_that_leaves_too_little_is_refused() {
         ),
     ] {
         let bytes = 736 * 1024 - free_bytes;
-        let output = run(&folder, bytes, NOTHING_ELSE, &["start", BOARD]);
+        let output = run(&folder, bytes, NO_OVERRIDE, &["start", BOARD]);
         assert_eq!(output.status.success(), refusal.is_none(), "{output:?}");
-        let told = String::from_utf8_lossy(&output.stderr);
+        let messages = String::from_utf8_lossy(&output.stderr);
         assert!(
-            refusal.is_none_or(|refusal| told.contains(refusal)),
-            "{told}"
+            refusal.is_none_or(|refusal| messages.contains(refusal)),
+            "{messages}"
         );
     }
 }
@@ -188,7 +193,7 @@ fn a_model_that_is_wrong_or_untested_and_a_folder_that_cannot_be_made_are_errors
             ["*unittest*", "echo Ran 0 tests >&2"],
             "the model of the chip has no tests",
         ),
-        ("folder", NOTHING_ELSE, "cannot make "),
+        ("folder", NO_OVERRIDE, "cannot make "),
     ] {
         let folder = folder(name);
         if name == "folder" {
@@ -196,7 +201,7 @@ fn a_model_that_is_wrong_or_untested_and_a_folder_that_cannot_be_made_are_errors
         }
         let output = run(&folder, BYTES, other, &["start", BOARD]);
         assert_eq!(output.status.code(), Some(1), "{output:?}");
-        let told = String::from_utf8_lossy(&output.stderr);
-        assert!(told.contains(refusal), "{told}");
+        let messages = String::from_utf8_lossy(&output.stderr);
+        assert!(messages.contains(refusal), "{messages}");
     }
 }

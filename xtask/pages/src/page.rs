@@ -83,15 +83,15 @@ pub fn served(title: &str, policy: &str, above: &str, style: &str, script: &str)
 /// Returns a page with parts in place of their names: `{{TITLE}}`.
 pub fn filled(frame: &str, parts: &[(&str, String)]) -> String {
     let mut page = String::new();
-    let mut rest = frame;
-    while let Some((before, behind)) = rest.split_once("{{") {
-        let (name, after) = behind.split_once("}}").expect("each name ends");
+    let mut remainder = frame;
+    while let Some((before, after_open)) = remainder.split_once("{{") {
+        let (name, after) = after_open.split_once("}}").expect("each name ends");
         let part = parts.iter().find(|(part, _)| *part == name);
         page += before;
         page += &part.expect("each name has a part").1;
-        rest = after;
+        remainder = after;
     }
-    page + rest
+    page + remainder
 }
 
 /// A text that HTML does not take for something else.

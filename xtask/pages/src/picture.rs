@@ -55,12 +55,12 @@ struct PicturePoint {
 #[derive(Debug)]
 struct Run {
     /// Rapid, or the number of the colour; nothing for a standstill.
-    look: Option<Look>,
+    stroke: Option<Stroke>,
     dots: Vec<PicturePoint>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Look {
+enum Stroke {
     Rapid,
     Feed(usize),
 }
@@ -82,17 +82,21 @@ pub fn draw(job: &Job) -> String {
          <rect class=\"page\" width=\"{WIDTH}\" height=\"{HEIGHT}\" rx=\"8\"/>\n"
     );
     head(&mut svg, job, &points);
-    let moving = runs.iter().filter_map(|run| Some((run.look?, &run.dots)));
-    for (look, dots) in moving.clone() {
-        let dash = if look == Look::Rapid {
+    let moving = runs.iter().filter_map(|run| Some((run.stroke?, &run.dots)));
+    for (stroke, dots) in moving.clone() {
+        let dash = if stroke == Stroke::Rapid {
             " stroke-dasharray=\"4 4\""
         } else {
             ""
         };
-        let _ = writeln!(svg, "<path class=\"coming\" d=\"{}\"{dash}/>", way(dots));
+        let _ = writeln!(
+            svg,
+            "<path class=\"coming\" d=\"{}\"{dash}/>",
+            path_data(dots)
+        );
     }
-    for (look, dots) in moving {
-        grow(&mut svg, look, dots, whole_s);
+    for (stroke, dots) in moving {
+        grow(&mut svg, stroke, dots, whole_s);
     }
     curve(&mut svg, &points, share, whole_s, played_s / whole_s);
     let dots: Vec<_> = runs
@@ -159,32 +163,32 @@ fn fastest(points: &[Waypoint]) -> f64 {
 /// The path as it is seen, in runs of one colour, with as few points as it needs.
 fn runs(points: &[Waypoint], share: f64, whole_s: f64) -> Vec<Run> {
     let fastest = fastest(points).max(1.0);
-    let look = |piece: &[Waypoint]| match piece[0].kind {
+    let stroke = |piece: &[Waypoint]| match piece[0].kind {
         0 => None,
         FEED => {
             let part = f64::midpoint(piece[0].speed, piece[1].speed) / fastest;
-            Some(Look::Feed((part * 4.0).round().clamp(0.0, 4.0) as usize))
+            Some(Stroke::Feed((part * 4.0).round().clamp(0.0, 4.0) as usize))
         }
-        _ => Some(Look::Rapid),
+        _ => Some(Stroke::Rapid),
     };
     let dots = seen(points, share);
     let mut least_s = 0.0;
     loop {
         let mut runs: Vec<Run> = Vec::new();
         for (piece, dots) in points.windows(2).zip(dots.windows(2)) {
-            let look = look(piece);
+            let stroke = stroke(piece);
             match runs.last_mut() {
                 // A short one looks as the one before it.
-                Some(run) if run.look == look || last_s(run, whole_s) < least_s => {
-                    run.look = if last_s(run, whole_s) < least_s {
-                        look
+                Some(run) if run.stroke == stroke || last_s(run, whole_s) < least_s => {
+                    run.stroke = if last_s(run, whole_s) < least_s {
+                        stroke
                     } else {
-                        run.look
+                        run.stroke
                     };
                     run.dots.push(dots[1]);
                 }
                 _ => runs.push(Run {
-                    look,
+                    stroke,
                     dots: dots.to_vec(),
                 }),
             }
@@ -258,7 +262,7 @@ fn projected(point: &Waypoint) -> [f64; 2] {
 }
 
 /// A line through dots.
-fn way(dots: &[PicturePoint]) -> String {
+fn path_data(dots: &[PicturePoint]) -> String {
     let mut text = String::new();
     for (number, dot) in dots.iter().enumerate() {
         let _ = write!(
@@ -273,27 +277,29 @@ fn way(dots: &[PicturePoint]) -> String {
 }
 
 /// A run that is drawn as the time passes.
-fn grow(svg: &mut String, look: Look, dots: &[PicturePoint], whole_s: f64) {
+fn grow(svg: &mut String, stroke: Stroke, dots: &[PicturePoint], whole_s: f64) {
     let mut length = 0.0;
     let mut before = dots[0];
-    let ways = dots.iter().map(|dot| {
+    let lengths = dots.iter().map(|dot| {
         length += (dot.x - before.x).hypot(dot.y - before.y);
         before = *dot;
         length
     });
-    let ways: Vec<_> = ways.collect();
+    let lengths: Vec<_> = lengths.collect();
     if length < 0.05 {
         return;
     }
-    let left = ways.iter().map(|way| format!("{:.3}", 1.0 - way / length));
-    let looks = match look {
-        Look::Rapid => "class=\"rapid\"".to_owned(),
-        Look::Feed(colour) => format!("stroke=\"{}\" stroke-width=\"2.4\"", GRADIENT[colour]),
+    let left = lengths
+        .iter()
+        .map(|path_data| format!("{:.3}", 1.0 - path_data / length));
+    let attributes = match stroke {
+        Stroke::Rapid => "class=\"rapid\"".to_owned(),
+        Stroke::Feed(colour) => format!("stroke=\"{}\" stroke-width=\"2.4\"", GRADIENT[colour]),
     };
     let _ = writeln!(
         svg,
-        "<path {looks} d=\"{}\" pathLength=\"1\" stroke-dasharray=\"1 2\">{}</path>",
-        way(dots),
+        "<path {attributes} d=\"{}\" pathLength=\"1\" stroke-dasharray=\"1 2\">{}</path>",
+        path_data(dots),
         animate(
             "animate attributeName=\"stroke-dashoffset\"",
             dots,
@@ -356,7 +362,7 @@ fn curve(svg: &mut String, points: &[Waypoint], share: f64, whole_s: f64, played
         "<path class=\"grid\" d=\"M{left} {bottom}H{right}M{left} {top}H{right}\"/>\n\
          <path class=\"curve\" d=\"{}\"/>\n\
          <text class=\"faint\" x=\"{left}\" y=\"{:.0}\">speed, up to {most:.0} mm/min</text>",
-        way(&line),
+        path_data(&line),
         top - 6.0
     );
     let ends = [0.0, played].map(|time| PicturePoint {
@@ -415,9 +421,9 @@ mod tests {
             assert!(numbers.is_sorted() && (numbers[0], numbers[numbers.len() - 1]) == (0.0, 1.0));
         }
         assert!(svg.contains("a &lt;b> &amp; c.nc") && svg.contains("prefers-color-scheme: dark"));
-        let rest = svg.replacen("http://www.w3.org/2000/svg", "", 1);
+        let others = svg.replacen("http://www.w3.org/2000/svg", "", 1);
         for part in ["http", "<script", "href", "url("] {
-            assert!(!rest.contains(part), "{part}");
+            assert!(!others.contains(part), "{part}");
         }
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
     }

@@ -1,9 +1,8 @@
 //! A job on the virtual machine, for a browser: the functions that its worker calls.
 //!
-//! The worker puts its texts into [`room`], calls [`begin`], [`pump`] until it tells the end, and [`finish`],
-//! and takes what came of it from [`text`] and [`length`]. Numbers and addresses are all that passes; the
-//! worker looks for what it needs in the memory itself, so that no address is followed here. After a panic
-//! nothing but [`text`] and [`length`] may be called.
+//! The worker writes its texts into [`room`], calls [`begin`], [`pump`] until the end, and [`finish`], and reads the
+//! results from [`text`] and [`length`]. Only numbers and addresses pass. The worker reads and writes the memory
+//! itself, so that no address is dereferenced here. After a panic nothing but [`text`] and [`length`] may be called.
 #![expect(unsafe_code, reason = "a browser finds functions by their names")]
 
 mod run;
@@ -34,7 +33,7 @@ fn note_panic(info: &PanicHookInfo<'_>) {
 }
 
 /// Returns 0, or 1 with a note of what went wrong.
-fn told(result: anyhow::Result<()>) -> u32 {
+fn report(result: anyhow::Result<()>) -> u32 {
     let Err(error) = result else { return 0 };
     note(&format!("{error:#}"));
     1
@@ -53,7 +52,7 @@ pub(crate) extern "C" fn room(which: u32, bytes: u32) -> *mut u8 {
 /// probe plate if `switches` is not 0. Returns 1 where it is refused.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn begin(step_rate_hz: u32, switches: u32) -> u32 {
-    told(RUN.with_borrow_mut(|run| run.begin(step_rate_hz, switches != 0)))
+    report(RUN.with_borrow_mut(|run| run.begin(step_rate_hz, switches != 0)))
 }
 
 /// Goes on for at most so many changes of the machine. Returns 1 at the end.
@@ -77,7 +76,7 @@ pub(crate) extern "C" fn seconds() -> f64 {
 /// Makes summary and page. Returns 1 where there is none.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn finish() -> u32 {
-    told(RUN.with_borrow_mut(Run::finish))
+    report(RUN.with_borrow_mut(Run::finish))
 }
 
 /// Returns where a text is: 0 what went wrong, 1 the summary in JSON, 2 the page.
@@ -92,10 +91,10 @@ pub(crate) extern "C" fn length(which: u32) -> u32 {
     with_text(which, |text| text.len() as u32)
 }
 
-fn with_text<T>(which: u32, look: impl Fn(&[u8]) -> T) -> T {
+fn with_text<T>(which: u32, read: impl Fn(&[u8]) -> T) -> T {
     assert!(which < TEXTS, "there is no text {which}");
     match which {
-        0 => FAILURE.with_borrow(|failure| look(failure)),
-        which => RUN.with_borrow(|run| look(run.outcome(which as usize - 1))),
+        0 => FAILURE.with_borrow(|failure| read(failure)),
+        which => RUN.with_borrow(|run| read(run.outcome(which as usize - 1))),
     }
 }

@@ -25,7 +25,7 @@ fn root() -> &'static Path {
 struct Monitor {
     process: Child,
     messages: BufReader<ChildStderr>,
-    said: String,
+    printed: String,
 }
 
 impl Monitor {
@@ -43,7 +43,7 @@ impl Monitor {
         Self {
             process,
             messages,
-            said: String::new(),
+            printed: String::new(),
         }
     }
 
@@ -52,10 +52,10 @@ impl Monitor {
         loop {
             let mut line = String::new();
             let length = self.messages.read_line(&mut line).unwrap();
-            assert!(length > 0, "{}", self.said);
-            self.said += &line;
-            if let Some((_, behind)) = line.split_once("http://") {
-                return behind.split('/').next().unwrap().into();
+            assert!(length > 0, "{}", self.printed);
+            self.printed += &line;
+            if let Some((_, after)) = line.split_once("http://") {
+                return after.split('/').next().unwrap().into();
             }
         }
     }
@@ -67,9 +67,9 @@ impl Monitor {
 
     /// Waits for the end: the exit status, and everything said.
     fn end(mut self) -> (Option<i32>, String) {
-        self.messages.read_to_string(&mut self.said).unwrap();
+        self.messages.read_to_string(&mut self.printed).unwrap();
         let status = self.process.wait().unwrap();
-        (status.code(), self.said)
+        (status.code(), self.printed)
     }
 }
 
@@ -164,12 +164,12 @@ fn the_experiment_is_shown_from_its_begin_to_its_end() {
             assert!((extent - value).abs() <= 1.0, "{axis} {letter}: {extent}");
         }
     }
-    let (status, said) = monitor.end();
-    assert_eq!(status, Some(0), "{said}");
+    let (status, printed) = monitor.end();
+    assert_eq!(status, Some(0), "{printed}");
     let drawn = fs::read_to_string(picture).unwrap();
     assert!(
         drawn.contains("X -800 to 800 mm, Y -800 to 800 mm"),
-        "{said}"
+        "{printed}"
     );
 }
 
@@ -180,11 +180,11 @@ fn a_job_that_is_interrupted_has_not_succeeded() {
     let is_in_motion = |event: &Value| event["now"]["state"] == "Run";
     assert!(events(&address).any(|event| is_in_motion(&event)));
     monitor.interrupt();
-    let (status, said) = monitor.end();
-    assert_eq!(status, Some(1), "{said}");
+    let (status, printed) = monitor.end();
+    assert_eq!(status, Some(1), "{printed}");
     assert!(
-        said.contains("interrupted, and the machine is held"),
-        "{said}"
+        printed.contains("interrupted, and the machine is held"),
+        "{printed}"
     );
 }
 
@@ -211,9 +211,9 @@ fn a_sender_reaches_the_machine_through_the_link() {
     for line in ["G91", "G1 X1 F6000", "$G", "M999"] {
         writeln!(sender, "{line}").unwrap();
     }
-    let heard: Vec<_> = lines.by_ref().take(5).collect();
+    let received: Vec<_> = lines.by_ref().take(5).collect();
     let parser = "[GC:G1 G54 G17 G21 G91 G94 M5 M9 T0 F6000 S0]";
-    assert_eq!(heard, ["ok", "ok", parser, "ok", "error:23"]);
+    assert_eq!(received, ["ok", "ok", parser, "ok", "error:23"]);
     write!(sender, "?").unwrap();
     assert!(lines.next().unwrap().starts_with('<'));
     // Nothing of what the monitor asks for is among it.
@@ -223,9 +223,9 @@ fn a_sender_reaches_the_machine_through_the_link() {
     assert!(events.any(|event| event["now"]["at"] == serde_json::json!([2.0, 0.0, 0.0])));
     assert_eq!(lines.next().unwrap(), "ok");
     monitor.interrupt();
-    let (status, said) = monitor.end();
-    assert_eq!(status, Some(0), "{said}");
-    assert!(said.contains("X 0 to 2 mm"), "{said}");
+    let (status, printed) = monitor.end();
+    assert_eq!(status, Some(0), "{printed}");
+    assert!(printed.contains("X 0 to 2 mm"), "{printed}");
     assert!(fs::symlink_metadata(&link).is_err());
 }
 
@@ -277,8 +277,8 @@ fn a_job_that_a_sender_sends_is_known_from_its_begin_to_its_end() {
     assert!(events(&address).any(is_done));
     assert!(seen.contains(&1) && seen.contains(&3), "{seen:?}");
     monitor.interrupt();
-    let (status, said) = monitor.end();
-    assert_eq!(status, Some(0), "{said}");
+    let (status, printed) = monitor.end();
+    assert_eq!(status, Some(0), "{printed}");
     // Nothing is known of what nobody names.
     let mut monitor = Monitor::start(&["--sim"]);
     assert_eq!(body(&monitor.address(), "/job.json"), Value::Null);
@@ -349,23 +349,26 @@ fn any_machine_is_shown_by_its_reports_until_it_goes() {
         serde_json::json!([1.0, 2.0, 0.0])
     );
     assert_eq!(last["unit"], "mm");
-    let (status, said) = monitor.end();
+    let (status, printed) = monitor.end();
     assert_eq!(status, Some(1));
-    assert!(said.contains(&format!("{address} has gone")), "{said}");
+    assert!(
+        printed.contains(&format!("{address} has gone")),
+        "{printed}"
+    );
 }
 
 #[test]
-fn what_is_no_grbl_is_told() {
+fn what_is_no_grbl_is_reported() {
     let busy = b"[MSG:In use by process 7 (bCNC)]\r\n";
-    for (answer, said) in [
+    for (answer, printed) in [
         (&b""[..], "has not answered as Grbl does"),
         (b"T:20.0 /0.0\n", "has not answered as Grbl does"),
         (busy, "is in use by process 7 (bCNC)"),
     ] {
         let (address, _switch) = machine(answer);
-        let (status, heard) = Monitor::start(&["--tcp", &address]).end();
+        let (status, received) = Monitor::start(&["--tcp", &address]).end();
         assert_eq!(status, Some(1));
-        assert!(heard.contains(said), "{heard}");
+        assert!(received.contains(printed), "{received}");
     }
 }
 
@@ -394,25 +397,25 @@ fn a_port_has_one_monitor_and_may_be_unplugged() {
         }
     });
     first.address();
-    let (status, said) = Monitor::start(&["--port", path]).end();
+    let (status, printed) = Monitor::start(&["--port", path]).end();
     assert_eq!(status, Some(1));
-    assert!(said.contains("is open in another program"), "{said}");
+    assert!(printed.contains("is open in another program"), "{printed}");
     ready.send(()).unwrap();
     board.join().unwrap();
-    let (status, said) = first.end();
+    let (status, printed) = first.end();
     assert_eq!(status, Some(1));
-    assert!(said.contains(&format!("{path} has gone")), "{said}");
+    assert!(printed.contains(&format!("{path} has gone")), "{printed}");
     drop(link);
 }
 
 #[test]
-fn what_cannot_be_had_is_told_at_once() {
+fn what_cannot_be_had_is_reported_at_once() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let taken = listener.local_addr().unwrap().to_string();
     let (address, _switch) = machine(REPORT);
-    let (status, said) = Monitor::start(&["--tcp", &address, "--http", &taken]).end();
+    let (status, printed) = Monitor::start(&["--tcp", &address, "--http", &taken]).end();
     assert_eq!(status, Some(1));
-    assert!(said.contains("cannot serve the page"), "{said}");
+    assert!(printed.contains("cannot serve the page"), "{printed}");
     for (arguments, what) in [
         (
             ["--port", "/dev/no-such-port"],
@@ -424,11 +427,11 @@ fn what_cannot_be_had_is_told_at_once() {
         (["--sim", "--svg=/no/out.svg"], "cannot create /no/out.svg"),
         (["--sim", "--set=$110=x"], "is no number"),
     ] {
-        let (status, said) = Monitor::start(&arguments).end();
+        let (status, printed) = Monitor::start(&arguments).end();
         assert_eq!(status, Some(1));
         assert!(
-            said.contains(what) && said.matches("error: ").count() == 1,
-            "{said}"
+            printed.contains(what) && printed.matches("error: ").count() == 1,
+            "{printed}"
         );
     }
 }

@@ -30,7 +30,7 @@ fn view(folder: &Path, arguments: &[&str]) -> Output {
         .expect("it starts")
 }
 
-fn said(output: &Output) -> String {
+fn printed(output: &Output) -> String {
     let both = [&output.stdout, &output.stderr];
     both.map(|text| String::from_utf8_lossy(text)).concat()
 }
@@ -40,7 +40,7 @@ fn the_page_goes_where_it_is_asked_for() {
     let folder = folder("G0X1\nG1X5F100\n");
     let output = view(folder.path(), &["--set", "$110=700", "-o", "page.html"]);
     assert!(output.status.success(), "{output:?}");
-    let text = said(&output);
+    let text = printed(&output);
     assert!(
         text.contains("page.html") && text.contains("cutting"),
         "{text}"
@@ -52,7 +52,7 @@ fn the_page_goes_where_it_is_asked_for() {
 }
 
 #[test]
-fn refused_lines_and_alarms_are_told_by_the_status_and_have_a_page() {
+fn refused_lines_and_alarms_are_reported_by_the_status_and_have_a_page() {
     for program in ["G0X1\nG999\n", "$X\nG38.2Z-1F100\n"] {
         let folder = folder(program);
         let output = view(folder.path(), &["-o", "page.html"]);
@@ -74,7 +74,7 @@ fn what_is_wrong_leaves_no_page() {
     ] {
         let output = view(folder.path(), arguments);
         assert!(
-            !output.status.success() && said(&output).contains(reason),
+            !output.status.success() && printed(&output).contains(reason),
             "{output:?}"
         );
         assert!(!folder.path().join("page.html").exists());
@@ -82,7 +82,7 @@ fn what_is_wrong_leaves_no_page() {
 }
 
 #[test]
-fn ctrl_c_leaves_nothing_behind() {
+fn ctrl_c_removes_every_temporary_file() {
     for named in [true, false] {
         let folder = tempfile::tempdir().expect("a folder can be made");
         let options: &[&str] = if named { &["-o", "page.html"] } else { &[] };
@@ -125,7 +125,7 @@ fn the_browser_gets_a_page_that_has_no_name() {
     assert!(made.success());
     let output = view(folder.path(), &[]);
     assert!(
-        output.status.success() && said(&output).contains("Opening"),
+        output.status.success() && printed(&output).contains("Opening"),
         "{output:?}"
     );
     let opened = fs::read_to_string(&pipe).expect("the browser tells");
@@ -136,7 +136,7 @@ fn the_browser_gets_a_page_that_has_no_name() {
     );
     fs::remove_dir_all(page.parent().expect("it lies in a folder")).expect("the folder is ours");
     let quiet = view(folder.path(), &["--no-open"]);
-    let text = said(&quiet);
+    let text = printed(&quiet);
     assert!(
         quiet.status.success() && !text.contains("Opening"),
         "{text}"

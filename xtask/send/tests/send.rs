@@ -4,7 +4,7 @@ mod support;
 
 use std::fs;
 
-use support::{Cable, Sending, Simulator, cut::CutPath, path};
+use support::{Cable, Sending, Simulator, machined::MachinedPath, path};
 use tempfile::{TempDir, tempdir};
 
 /// Quick enough that no test lasts. What a key is to find in motion moves for many seconds: the machine has no other
@@ -132,10 +132,10 @@ fn disturb(waits: bool) {
     let cable = if waits {
         Cable::plug_in(&device, &end)
     } else {
-        let said = sending.fails();
+        let log = sending.fails();
         assert!(
-            said.contains("--resume continues it") && said.contains("has gone"),
-            "{said}"
+            log.contains("--resume continues it") && log.contains("has gone"),
+            "{log}"
         );
         arguments.push("--resume");
         // This one does not wait for its port.
@@ -153,19 +153,22 @@ fn disturb(waits: bool) {
         sending.until("the machine waits");
         sending.press("r");
     }
-    let said = sending.succeeds();
-    assert_eq!(waits, said.contains("has gone"), "{said}");
+    let log = sending.succeeds();
+    assert_eq!(waits, log.contains("has gone"), "{log}");
     cable.unplug();
     drop(simulator);
 
     let done = trace(&steps);
     assert_eq!(done.last(), expected.last());
-    let (expected, done) = (CutPath::of(&expected, SURFACE), CutPath::of(&done, SURFACE));
+    let (expected, done) = (
+        MachinedPath::of(&expected, SURFACE),
+        MachinedPath::of(&done, SURFACE),
+    );
     assert!(expected.len() > 1000, "{}", expected.len());
     let missing = expected.beyond(&done);
-    assert!(missing.is_empty(), "{missing:?} were not cut: {said}");
+    assert!(missing.is_empty(), "{missing:?} were not cut: {log}");
     let beyond = done.beyond(&expected);
-    assert!(beyond.is_empty(), "{beyond:?} should not be cut: {said}");
+    assert!(beyond.is_empty(), "{beyond:?} should not be cut: {log}");
 }
 
 #[test]
@@ -193,10 +196,10 @@ fn a_job_whose_record_cannot_be_written_does_not_begin_anew_when_its_port_is_bac
     let _cable = Cable::plug_in(&device, &end);
     sending.until("[y/n]");
     sending.press("n");
-    let said = sending.fails();
+    let log = sending.fails();
     assert!(
-        said.contains("--from LINE continues it") && said.contains("nothing was sent"),
-        "{said}"
+        log.contains("--from LINE continues it") && log.contains("nothing was sent"),
+        "{log}"
     );
 }
 
@@ -211,15 +214,15 @@ fn a_job_with_refused_lines_is_not_begun_unless_that_is_asked_for() {
     let steps = path(&folder, "steps.csv");
     let (simulator, address) = Simulator::tcp(&["--trace", &steps], &SETTINGS);
     let job = file(&folder, "job.nc", &short("G999"));
-    let said = Sending::start(&[&job, "--tcp", &address]).fails();
+    let log = Sending::start(&[&job, "--tcp", &address]).fails();
     assert!(
-        said.contains("error:20") && said.contains("nothing was sent"),
-        "{said}"
+        log.contains("error:20") && log.contains("nothing was sent"),
+        "{log}"
     );
-    let said = Sending::start(&[&job, "--tcp", &address, "--despite-refusals"]).fails();
+    let log = Sending::start(&[&job, "--tcp", &address, "--despite-refusals"]).fails();
     assert!(
-        said.contains("line 4 is refused: G999: error:20") && said.contains("Done"),
-        "{said}"
+        log.contains("line 4 is refused: G999: error:20") && log.contains("Done"),
+        "{log}"
     );
     drop(simulator);
     assert_eq!(trace(&steps).last(), Some(&[160, 160, 0]));
@@ -231,20 +234,20 @@ fn a_job_that_would_leave_the_travel_is_not_begun() {
     let guarded = [&SETTINGS[..], &["$22=1", "$20=1"]].concat();
     let (_simulator, address) = Simulator::tcp(&["--switches"], &guarded);
     let job = file(&folder, "job.nc", "G21 G90\nG0 X-2\nG0 X-900\n");
-    let said = Sending::start(&[&job, "--tcp", &address]).fails();
+    let log = Sending::start(&[&job, "--tcp", &address]).fails();
     assert!(
-        said.contains("the machine is locked: --home homes it"),
-        "{said}"
+        log.contains("the machine is locked: --home homes it"),
+        "{log}"
     );
     let fast = ["$24=600", "$25=5000", "$130=20", "$131=20", "$132=20"];
     let (_simulator, address) = Simulator::tcp(&["--switches"], &[&guarded[..], &fast].concat());
-    let said = Sending::start(&[&job, "--tcp", &address, "--home"]).fails();
-    assert!(said.contains("line 3 would end in ALARM:2"), "{said}");
+    let log = Sending::start(&[&job, "--tcp", &address, "--home"]).fails();
+    assert!(log.contains("line 3 would end in ALARM:2"), "{log}");
     let job = file(&folder, "job.nc", "G21 G90\nG0 X-2\nG0 X-9\n");
-    let said = Sending::start(&[&job, "--tcp", &address]).succeeds();
+    let log = Sending::start(&[&job, "--tcp", &address]).succeeds();
     assert!(
-        said.contains("machine position -9.000 -1.000 -1.000"),
-        "{said}"
+        log.contains("machine position -9.000 -1.000 -1.000"),
+        "{log}"
     );
 }
 
@@ -258,14 +261,14 @@ fn ctrl_c_stops_the_homing_before_a_job() {
     let mut sending = Sending::start(&[&job, "--tcp", &address, "--home"]);
     sending.until("Ctrl-C stops it");
     sending.interrupt();
-    let said = sending.fails();
+    let log = sending.fails();
     assert!(
-        said.contains("it was stopped before the job was begun"),
-        "{said}"
+        log.contains("it was stopped before the job was begun"),
+        "{log}"
     );
     // It is at rest, and its position is unknown.
-    let said = Sending::start(&[&job, "--tcp", &address]).fails();
-    assert!(said.contains("the machine is locked"), "{said}");
+    let log = Sending::start(&[&job, "--tcp", &address]).fails();
+    assert!(log.contains("the machine is locked"), "{log}");
 }
 
 #[test]
@@ -275,21 +278,18 @@ fn without_an_operator_a_change_of_the_tool_ends_the_job() {
     let job = file(&folder, "job.nc", &short("T1 M6\nG0 X5"));
     let mut sending = Sending::start(&[&job, "--tcp", &address]);
     sending.leave();
-    let said = sending.fails();
+    let log = sending.fails();
     assert!(
-        said.contains("waits for its operator ([MSG:Tool change: T1]), and nobody is there"),
-        "{said}"
+        log.contains("waits for its operator ([MSG:Tool change: T1]), and nobody is there"),
+        "{log}"
     );
     // The machine was reset at rest: it takes the next job, and stands where it was.
     let mut sending = Sending::start(&[&job, "--tcp", &address, "--resume", "--confirmed"]);
     sending.until("position  X");
     sending.until("the machine waits");
     sending.press("r");
-    let said = sending.succeeds();
-    assert!(
-        said.contains("machine position 5.000 2.000 0.000"),
-        "{said}"
-    );
+    let log = sending.succeeds();
+    assert!(log.contains("machine position 5.000 2.000 0.000"), "{log}");
 }
 
 #[test]
@@ -302,10 +302,10 @@ fn ctrl_c_holds_and_a_second_one_ends_the_job_which_is_continued_only_with_a_yes
     sending.interrupt();
     sending.until("the machine is held");
     sending.interrupt();
-    let said = sending.fails();
+    let log = sending.fails();
     assert!(
-        said.contains("the job was interrupted") && said.contains("--resume continues it"),
-        "{said}"
+        log.contains("the job was interrupted") && log.contains("--resume continues it"),
+        "{log}"
     );
 
     let mut sending = Sending::start(&[&job, "--tcp", &address, "--resume"]);
@@ -318,26 +318,20 @@ fn ctrl_c_holds_and_a_second_one_ends_the_job_which_is_continued_only_with_a_yes
     let mut sending = Sending::start(&[&job, "--tcp", &address, "--resume"]);
     sending.until("[y/n]");
     sending.press("y");
-    let said = sending.succeeds();
-    assert!(
-        said.contains("machine position 60.000 2.000 0.000"),
-        "{said}"
-    );
+    let log = sending.succeeds();
+    assert!(log.contains("machine position 60.000 2.000 0.000"), "{log}");
     // Where a line begins that is told, as long as no axis is where nothing says.
     let placed = file(&folder, "placed.nc", "G21 G90\nG0 X1 Y1 Z1\nG0 X2\nG0 X3\n");
     let mut sending = Sending::start(&[&placed, "--tcp", &address, "--from", "4", "--confirmed"]);
     sending.until("position  X2 Y1 Z1");
     sending.succeeds();
-    let said = Sending::start(&[&job, "--tcp", &address, "--from", "3"]).fails();
-    assert!(
-        said.contains("depends on where the machine stood"),
-        "{said}"
-    );
+    let log = Sending::start(&[&job, "--tcp", &address, "--from", "3"]).fails();
+    assert!(log.contains("depends on where the machine stood"), "{log}");
     // Nothing is left to continue.
-    let said = Sending::start(&[&job, "--tcp", &address, "--resume"]).fails();
+    let log = Sending::start(&[&job, "--tcp", &address, "--resume"]).fails();
     assert!(
-        said.contains("there is no record of an interrupted job"),
-        "{said}"
+        log.contains("there is no record of an interrupted job"),
+        "{log}"
     );
 }
 
@@ -350,8 +344,8 @@ fn a_program_that_has_been_changed_is_not_continued() {
     sending.leave();
     sending.fails();
     file(&folder, "job.nc", &short("T1 M6\nG0 X1"));
-    let said = Sending::start(&[&job, "--tcp", &address, "--resume"]).fails();
-    assert!(said.contains("the program has been changed"), "{said}");
+    let log = Sending::start(&[&job, "--tcp", &address, "--resume"]).fails();
+    assert!(log.contains("the program has been changed"), "{log}");
 }
 
 #[test]
@@ -387,9 +381,6 @@ fn a_new_tool_is_measured_by_lines_that_the_operator_types() {
     let mut sending = Sending::start(&[&job, "--tcp", &address, "--resume", "--confirmed"]);
     sending.until("approach  M61 Q0");
     measure(&mut sending);
-    let said = sending.succeeds();
-    assert!(
-        said.contains("machine position 2.000 80.000 3.000"),
-        "{said}"
-    );
+    let log = sending.succeeds();
+    assert!(log.contains("machine position 2.000 80.000 3.000"), "{log}");
 }

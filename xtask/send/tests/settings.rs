@@ -45,15 +45,15 @@ impl Simulator {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let mut messages = BufReader::new(process.stderr.take().unwrap());
+        let mut log = BufReader::new(process.stderr.take().unwrap());
         let mut line = String::new();
         while !line.contains("Serving") {
             line.clear();
-            let length = messages.read_line(&mut line).unwrap();
+            let length = log.read_line(&mut line).unwrap();
             assert!(length > 0, "the simulator has ended");
         }
         // It goes on writing, and nobody may be missing then.
-        thread::spawn(move || messages.read_to_end(&mut Vec::new()));
+        thread::spawn(move || log.read_to_end(&mut Vec::new()));
         let place = line.split_whitespace().nth(1).unwrap().into();
         Self { process, place }
     }
@@ -76,7 +76,7 @@ impl Drop for Simulator {
     }
 }
 
-/// Whether a command succeeds, what it prints, and what it says.
+/// Whether a command succeeds, its output, and its messages.
 fn settings(arguments: &[&str]) -> (bool, String, String) {
     let has_timeout = arguments.contains(&"--timeout");
     let patient: &[&str] = if has_timeout {
@@ -97,16 +97,16 @@ fn settings(arguments: &[&str]) -> (bool, String, String) {
 
 /// A command that succeeds: what it prints.
 fn done(arguments: &[&str]) -> String {
-    let (is_success, printed, said) = settings(arguments);
-    assert!(is_success, "{said}");
+    let (is_success, printed, log) = settings(arguments);
+    assert!(is_success, "{log}");
     printed
 }
 
 /// A command that fails: what it says.
 fn failed(arguments: &[&str]) -> String {
-    let (is_success, _, said) = settings(arguments);
-    assert!(!is_success, "{said}");
-    said
+    let (is_success, _, log) = settings(arguments);
+    assert!(!is_success, "{log}");
+    log
 }
 
 const CHANGED: &str =
@@ -119,8 +119,8 @@ fn settings_are_loaded_in_an_order_that_works_and_compared_and_saved() {
     let at = ["--tcp", &address];
     let file = file(&folder, "mill.txt", CHANGED);
 
-    let (is_equal, printed, said) = settings(&[&at[..], &["--diff", &file]].concat());
-    assert!(!is_equal && said.contains("left out 1 setting"), "{said}");
+    let (is_equal, printed, log) = settings(&[&at[..], &["--diff", &file]].concat());
+    assert!(!is_equal && log.contains("left out 1 setting"), "{log}");
     let rows: Vec<_> = printed.lines().collect();
     assert_eq!(rows.len(), 5, "{printed}");
     assert_eq!(rows[4], "$110  largest speed of X  20000.000  500.000");
@@ -147,8 +147,8 @@ fn settings_are_loaded_in_an_order_that_works_and_compared_and_saved() {
     assert!(!Path::new(&path(&folder, "saved.txt.new")).exists());
     for file in [&file, &saved] {
         assert_eq!(done(&[&at[..], &["--diff", file]].concat()), "");
-        let (_, _, said) = settings(&[&at[..], &["--load", file]].concat());
-        assert!(said.contains("Equal"), "{said}");
+        let (_, _, log) = settings(&[&at[..], &["--load", file]].concat());
+        assert!(log.contains("Equal"), "{log}");
     }
 }
 
@@ -161,21 +161,21 @@ fn a_file_that_is_refused_changes_nothing() {
         "wrong.txt",
         "$1=255\n$20=1\n$110=20000\n$111=6,5\n",
     );
-    let said = failed(&["--tcp", &address, "--load", &file]);
+    let log = failed(&["--tcp", &address, "--load", &file]);
     for part in [
         "3 lines are refused",
         "line 2: $20=1: ",
         "line 3: $110=20000: 83 333",
         "line 4: ",
     ] {
-        assert!(said.contains(part), "{said}");
+        assert!(log.contains(part), "{log}");
     }
     let saved = path(&folder, "saved.txt");
     done(&["--tcp", &address, "--save", &saved]);
     assert!(fs::read_to_string(&saved).unwrap().contains("\n$1=25\n"));
     // And a file that cannot be written is an error, with what was there as it was.
-    let said = failed(&["--tcp", &address, "--save", &path(&folder, "no/saved.txt")]);
-    assert!(said.contains("cannot write"), "{said}");
+    let log = failed(&["--tcp", &address, "--save", &path(&folder, "no/saved.txt")]);
+    assert!(log.contains("cannot write"), "{log}");
 }
 
 #[test]
@@ -196,51 +196,51 @@ fn a_serial_device_works_as_a_tcp_port_does() {
     {
         thread::yield_now();
     }
-    let said = failed(&["--port", &terminal, "--diff", &file]);
-    assert!(said.contains("is open in another program"), "{said}");
+    let log = failed(&["--port", &terminal, "--diff", &file]);
+    assert!(log.contains("is open in another program"), "{log}");
     if cfg!(target_os = "linux") {
-        let said = failed(&["--port", &device, "--diff", &file]);
-        assert!(said.contains("is in use by process"), "{said}");
+        let log = failed(&["--port", &device, "--diff", &file]);
+        assert!(log.contains("is in use by process"), "{log}");
     }
     drop(other);
     // A process that another test starts may hold the terminal a little longer.
-    let (is_equal, printed, said) = loop {
-        let said = settings(&["--port", &device, "--diff", &file]);
-        if !said.2.contains("is in use by process") {
-            break said;
+    let (is_equal, printed, log) = loop {
+        let outcome = settings(&["--port", &device, "--diff", &file]);
+        if !outcome.2.contains("is in use by process") {
+            break outcome;
         }
     };
-    assert!(is_equal && printed.is_empty(), "{printed}{said}");
+    assert!(is_equal && printed.is_empty(), "{printed}{log}");
 
-    let said = failed(&["--port", &path(&folder, "none"), "--diff", &file]);
+    let log = failed(&["--port", &path(&folder, "none"), "--diff", &file]);
     assert!(
-        said.contains("there is no ") && said.contains("serial port"),
-        "{said}"
+        log.contains("there is no ") && log.contains("serial port"),
+        "{log}"
     );
 }
 
 #[test]
-fn who_does_not_answer_is_told() {
+fn who_does_not_answer_is_reported() {
     let folder = tempdir().unwrap();
     let file = file(&folder, "mill.txt", "$130=123\n");
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
-    let said = failed(&["--tcp", &address, "--timeout", "0.3", "--diff", &file]);
-    assert!(said.contains("has not answered for 0.3 s"), "{said}");
+    let log = failed(&["--tcp", &address, "--timeout", "0.3", "--diff", &file]);
+    assert!(log.contains("has not answered for 0.3 s"), "{log}");
     drop(listener);
-    let said = failed(&["--tcp", &address, "--diff", &file]);
-    assert!(said.contains("no machine listens at"), "{said}");
+    let log = failed(&["--tcp", &address, "--diff", &file]);
+    assert!(log.contains("no machine listens at"), "{log}");
 }
 
 /// Talks to a machine until it says something.
-fn until(stream: &mut TcpStream, send: &str, heard: &str) {
+fn until(stream: &mut TcpStream, send: &str, received: &str) {
     let start = Instant::now();
     let mut all = String::new();
     stream
         .set_read_timeout(Some(Duration::from_millis(50)))
         .unwrap();
     stream.write_all(send.as_bytes()).unwrap();
-    while !all.contains(heard) {
+    while !all.contains(received) {
         assert!(start.elapsed() < Duration::from_mins(1), "{all}");
         let mut chunk = [0; 256];
         if let Ok(length) = stream.read(&mut chunk) {
@@ -250,7 +250,7 @@ fn until(stream: &mut TcpStream, send: &str, heard: &str) {
 }
 
 #[test]
-fn a_machine_in_alarm_or_in_motion_is_told() {
+fn a_machine_in_alarm_or_in_motion_is_reported() {
     let folder = tempdir().unwrap();
     let file = file(&folder, "mill.txt", "$130=123\n");
     let fast = [
@@ -268,17 +268,17 @@ fn a_machine_in_alarm_or_in_motion_is_told() {
         let mut sender = TcpStream::connect(&address).unwrap();
         until(&mut sender, "G1 X-60 F60\n", "ok");
     }
-    let said = failed(&command);
-    assert!(said.contains("in the state Run"), "{said}");
+    let log = failed(&command);
+    assert!(log.contains("in the state Run"), "{log}");
     {
         let mut sender = TcpStream::connect(&address).unwrap();
         until(&mut sender, "\x18", "$X");
         until(&mut sender, "$X\nG0 X500\n", "ALARM:1");
     }
-    let said = failed(&command);
+    let log = failed(&command);
     assert!(
-        said.contains("in alarm and takes no lines before it is reset"),
-        "{said}"
+        log.contains("in alarm and takes no lines before it is reset"),
+        "{log}"
     );
     {
         // Still in alarm, but it reads lines again: settings may be changed.
@@ -330,18 +330,18 @@ fn grbl(line: &str) -> &'static str {
 }
 
 #[test]
-fn what_another_machine_refuses_or_forgets_is_told() {
+fn what_another_machine_refuses_or_forgets_is_reported() {
     let folder = tempdir().unwrap();
     let address = other_machine(IDLE, |line| Some(grbl(line)));
     let file = file(&folder, "mill.txt", "$0=2\n$1=50\n$41=1\n");
-    let said = failed(&["--tcp", &address, "--load", &file]);
+    let log = failed(&["--tcp", &address, "--load", &file]);
     for part in [
         "the machine does not have $41",
         "2 of 2 settings are not loaded",
         "$0=2: error:6",
         "$1=50 was accepted, and the machine shows 25",
     ] {
-        assert!(said.contains(part), "{said}");
+        assert!(log.contains(part), "{log}");
     }
     let saved = path(&folder, "saved.txt");
     done(&["--tcp", &address, "--save", &saved]);
@@ -350,12 +350,12 @@ fn what_another_machine_refuses_or_forgets_is_told() {
 }
 
 #[test]
-fn a_conversation_that_breaks_off_is_told_and_no_file_is_written() {
+fn a_conversation_that_breaks_off_is_reported_and_no_file_is_written() {
     const HELD: &str = "<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>\r\n";
     let folder = tempdir().unwrap();
     let saved = path(&folder, "saved.txt");
     let noise = "x".repeat(5000).leak();
-    for (address, told) in [
+    for (address, expected) in [
         (other_machine(noise, |_| None), "sends what is no text"),
         (other_machine(IDLE, |_| None), "the connection has ended"),
         (
@@ -376,9 +376,13 @@ fn a_conversation_that_breaks_off_is_told_and_no_file_is_written() {
             "has not answered for 0.4 s",
         ),
     ] {
-        let timeout = if told.contains("0.4 s") { "0.4" } else { "30" };
-        let said = failed(&["--tcp", &address, "--timeout", timeout, "--save", &saved]);
-        assert!(said.contains(told), "{said}");
+        let timeout = if expected.contains("0.4 s") {
+            "0.4"
+        } else {
+            "30"
+        };
+        let log = failed(&["--tcp", &address, "--timeout", timeout, "--save", &saved]);
+        assert!(log.contains(expected), "{log}");
     }
     assert!(!Path::new(&saved).exists());
 }

@@ -69,10 +69,10 @@ pub fn render(
     drop(root);
     // As large on the screen as meant, with the finer units kept in the view box.
     let fine = format!(r#"width="{}" height="{}""#, size.0, size.1);
-    let meant = format!(
+    let replacement = format!(
         r#"width="{width}" height="{height}" stroke-linecap="round" stroke-linejoin="round""#
     );
-    let text = text.replacen(&fine, &meant, 1);
+    let text = text.replacen(&fine, &replacement, 1);
     // One line with a pattern instead of one for each dash.
     let RGBColor(red, green, blue) = DASHED;
     let dashed = format!("stroke=\"#{red:02X}{green:02X}{blue:02X}\"");

@@ -111,8 +111,8 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// The time that the parts of `times` add up to, from where the first motion begins to where the last one ends,
-    /// s; where they are not known, that from the first step to the last one, which are within the motions.
+    /// The sum of `times`, from the start of the first motion to the end of the last motion, s. Where `times` is
+    /// unknown: the time from the first step to the last step.
     pub fn whole_time_s(&self) -> f64 {
         match self.times.total_s() {
             0.0 => self.motion_time_s,

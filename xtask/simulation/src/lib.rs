@@ -16,10 +16,10 @@ mod cases;
 pub mod chart;
 mod columns;
 mod curves;
+pub mod drilled_holes;
 pub mod figures;
 #[cfg(feature = "os")]
 pub mod holder;
-pub mod holes;
 #[cfg(feature = "terminal")]
 pub mod interrupt;
 mod job;

@@ -1,4 +1,4 @@
-//! What one process at a time may serve: a lock beside it that names its holder.
+//! A lock file beside a file that only one process may serve, with the name of the holder.
 
 use std::{
     fs::{self, File, TryLockError},
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_second_holder_is_told_of_the_first() {
+    fn a_second_holder_learns_of_the_first() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("tty");
         let lock = Lock::of(&path).unwrap();

@@ -30,12 +30,12 @@ pub fn settings(answers: &MachineAnswers) -> Settings {
         Ok(combined) => combined.settings,
         Err(refused) => {
             let is_refused = |number| refused.iter().any(|one| one.entry.number == number);
-            let rest: Vec<_> = entries
+            let others: Vec<_> = entries
                 .iter()
                 .filter(|entry| !is_refused(entry.number))
                 .cloned()
                 .collect();
-            combine(&start, &rest).map_or(start, |combined| combined.settings)
+            combine(&start, &others).map_or(start, |combined| combined.settings)
         }
     }
 }
@@ -52,12 +52,13 @@ fn set_up(answers: &MachineAnswers) -> Vec<String> {
         }
     }
     for tool in &answers.tools {
-        if let Some((number, rest)) = tool.strip_prefix('T').and_then(|tool| tool.split_once(' ')) {
+        if let Some((number, others)) = tool.strip_prefix('T').and_then(|tool| tool.split_once(' '))
+        {
             // The pocket is no word of the statement.
-            let rest = rest.split(' ').filter(|word| !word.starts_with('P'));
+            let others = others.split(' ').filter(|word| !word.starts_with('P'));
             lines.push(format!(
                 "$TT{number}={}",
-                rest.collect::<Vec<_>>().join(" ")
+                others.collect::<Vec<_>>().join(" ")
             ));
         }
     }

@@ -107,9 +107,9 @@ impl Merger {
             let speed_off = (f64::from(vertex.speed) - speed).abs();
             let power = piece.power_at(time);
             let power_off = vertex.power.map(|one| (f64::from(one) - power).abs());
-            let way = piece.way_at(time);
+            let share = piece.share_at(time);
             let is_near = (0..AXES).all(|axis| {
-                let off = f64::from(vertex.steps[axis]) - piece.steps_at(way, axis);
+                let off = f64::from(vertex.steps[axis]) - piece.steps_at(share, axis);
                 off.abs() <= NEAR * self.scales[axis] + 1.0
             });
             is_near
@@ -143,7 +143,7 @@ impl Piece<'_> {
     }
 
     /// Which part of the way has been made at a part of the time.
-    pub(crate) fn way_at(&self, time: f64) -> f64 {
+    pub(crate) fn share_at(&self, time: f64) -> f64 {
         let [from, to] = [self.from.speed, self.to.speed].map(f64::from);
         if from + to > 0.0 {
             (2.0 * from * time + (to - from) * time * time) / (from + to)
@@ -152,9 +152,9 @@ impl Piece<'_> {
         }
     }
 
-    pub(crate) fn steps_at(&self, way: f64, axis: usize) -> f64 {
+    pub(crate) fn steps_at(&self, share: f64, axis: usize) -> f64 {
         let [from, to] = [self.from.steps[axis], self.to.steps[axis]].map(f64::from);
-        from + (to - from) * way
+        from + (to - from) * share
     }
 }
 

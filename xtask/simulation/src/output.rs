@@ -25,7 +25,7 @@ pub struct Output {
 
 enum Writer {
     /// What will be renamed.
-    Beside(BufWriter<NamedTempFile>),
+    Temporary(BufWriter<NamedTempFile>),
     /// What is no file, as a pipe, is written as it comes.
     Through(BufWriter<File>),
 }
@@ -58,22 +58,22 @@ impl Output {
         let folder = path
             .parent()
             .filter(|folder| !folder.as_os_str().is_empty());
-        let mut beside = OsString::from(".");
-        beside.push(name);
-        beside.push(".");
+        let mut prefix = OsString::from(".");
+        prefix.push(name);
+        prefix.push(".");
         let file = tempfile::Builder::new()
-            .prefix(&beside)
+            .prefix(&prefix)
             .suffix(".partial")
             .permissions(Permissions::from_mode(0o666))
             .tempfile_in(folder.unwrap_or(Path::new(".")))
             .map_err(|error| anyhow!("{}", error.kind()))?;
-        Ok(Writer::Beside(BufWriter::with_capacity(BUFFER, file)))
+        Ok(Writer::Temporary(BufWriter::with_capacity(BUFFER, file)))
     }
 
     /// Where it lies until it is whole.
     pub fn partial(&self) -> Option<PathBuf> {
         match &self.writer {
-            Writer::Beside(writer) => Some(writer.get_ref().path().to_owned()),
+            Writer::Temporary(writer) => Some(writer.get_ref().path().to_owned()),
             Writer::Through(_) => None,
         }
     }
@@ -83,7 +83,7 @@ impl Output {
         let path = self.path.display().to_string();
         let finish = || -> Result<()> {
             match self.writer {
-                Writer::Beside(writer) => {
+                Writer::Temporary(writer) => {
                     let file = writer.into_inner().map_err(IntoInnerError::into_error)?;
                     file.persist(&self.path).map_err(|error| error.error)?;
                 }
@@ -107,14 +107,14 @@ impl Output {
 impl Write for Output {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
         match &mut self.writer {
-            Writer::Beside(writer) => writer.write(bytes),
+            Writer::Temporary(writer) => writer.write(bytes),
             Writer::Through(writer) => writer.write(bytes),
         }
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
         match &mut self.writer {
-            Writer::Beside(writer) => writer.flush(),
+            Writer::Temporary(writer) => writer.flush(),
             Writer::Through(writer) => writer.flush(),
         }
     }

@@ -29,7 +29,7 @@ pub struct Played {
     /// What it did.
     pub figures: Figures,
     /// What `$G`, `$#` and `?` say.
-    pub said: Vec<String>,
+    pub answers: Vec<String>,
 }
 
 /// Runs a recorded program amid switches and says nothing.
@@ -41,11 +41,11 @@ pub fn play_recorded(path: &Path, settings: &Settings, switches: &[Switch]) -> R
         let _ = simulator.mount(*switch);
     }
     let figures = stream(program, &mut simulator, Run::silent(&mut ()))?;
-    let said = ["$G\n", "$#\n", "?"]
+    let answers = ["$G\n", "$#\n", "?"]
         .into_iter()
         .flat_map(|text| ask(&mut simulator, text.as_bytes()))
         .collect();
-    Ok(Played { figures, said })
+    Ok(Played { figures, answers })
 }
 
 /// None is shown.

@@ -118,7 +118,7 @@ impl<S: borrow::BorrowMut<Simulator>, R: Recorder> Playing<S, R> {
         self.stream.simulator.borrow()
     }
 
-    /// Plays what is left, and returns what the program did, with what was made of it.
+    /// Plays the remaining program, and returns the figures with the output of the recorder.
     ///
     /// # Errors
     /// The program cannot be read, or the machine stands still before its end.
@@ -168,13 +168,13 @@ pub fn ask(simulator: &mut Simulator, bytes: &[u8]) -> Vec<String> {
         simulator.receive(*byte);
         simulator.settle();
     }
-    let mut said = Vec::new();
+    let mut answer = Vec::new();
     while let Some(byte) = simulator.send() {
-        said.push(byte);
+        answer.push(byte);
         simulator.settle();
     }
-    let said = String::from_utf8_lossy(&said);
-    let lines = said
+    let answer = String::from_utf8_lossy(&answer);
+    let lines = answer
         .lines()
         .filter(|line| !line.is_empty() && *line != "ok");
     lines.map(str::to_owned).collect()

@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn each_way_to_end_a_line_ends_one() {
+    fn each_line_ending_ends_one_line() {
         let expected = [b"G0".to_vec(), b"X1".to_vec(), vec![], b"Y1".to_vec()];
         assert_eq!(lines(b"G0\rX1\r\n\nY1"), expected);
     }

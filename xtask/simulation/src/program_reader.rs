@@ -1,7 +1,7 @@
 //! From the lines of a program to its commands.
 //!
-//! The lines go to an interpreter of their own, and behind cutter compensation that is their own too:
-//! nothing but the program's text reaches them, so that what the motion has made of it can be compared.
+//! The reader has its own interpreter and its own cutter compensation. Only the text of the program reaches the
+//! reader, so that the motion can be compared with the program.
 
 use leadscrew::{
     gcode::{
@@ -76,8 +76,8 @@ impl ProgramReader {
         self.changed_tool
     }
 
-    /// The commands of the next line, all of its holes if it drills, and those of a move that has waited
-    /// for it. One that is refused has none.
+    /// The commands of the next line, with every hole of a drilling cycle and with the commands of a move that has
+    /// waited for the line. A refused line has no commands.
     pub fn line(&mut self, line: &[u8]) -> Vec<Command> {
         self.programmed = None;
         self.changed_tool = None;
@@ -144,14 +144,14 @@ impl ProgramReader {
             compensator.release();
             release(compensator);
         }
-        let is_beside = is_compensated || checked.stays_beside_path();
+        let is_on_offset_path = is_compensated || checked.stays_beside_path();
         if is_compensated {
             for command in commands.drain(..) {
                 compensator.push(&command, checked.path_control());
                 release(compensator);
             }
         }
-        if checked.ends_program() && is_beside {
+        if checked.ends_program() && is_on_offset_path {
             self.interpreter.set_position(compensator.end());
         }
         released.append(&mut commands);
@@ -162,8 +162,8 @@ impl ProgramReader {
     fn check_jog(&mut self, line: &[u8]) -> Result<Checked, LineError> {
         let interpreter = &mut self.interpreter;
         if interpreter.is_beside_path() && !interpreter.is_compensating() {
-            let cutter = self.compensator.end();
-            interpreter.check_jog_beside_path(line, &self.settings, cutter, |_| false)
+            let tool = self.compensator.end();
+            interpreter.check_jog_beside_path(line, &self.settings, tool, |_| false)
         } else {
             interpreter.check_jog(line, &self.settings)
         }
@@ -209,7 +209,7 @@ mod tests {
         assert_eq!(ends("G3 X-11 Y9 I0 J-1"), [[0; 2]; 0]);
         assert_eq!(ends("G1 Y20"), [[-10, 8], [-12, 10]]);
         assert_eq!(ends("G40 X-20"), [[-12, 20], [-20, 20]]);
-        // A line that is shorter than what the corner before it takes of it.
+        // A line that is shorter than its part that the corner before removes.
         for line in ["G41.1 D4", "X-30 Y20", "Y25"] {
             ends(line);
         }

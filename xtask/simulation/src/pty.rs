@@ -28,9 +28,10 @@ pub struct Link {
 impl Link {
     /// Makes it lead to another terminal, at once for whoever opens it.
     pub fn lead_to(&self, pty: &Pty) -> Result<()> {
-        let mut beside = self.path.clone().into_os_string();
-        beside.push(".next");
-        let is_made = symlink(&pty.name, &beside).and_then(|()| fs::rename(&beside, &self.path));
+        let mut temporary = self.path.clone().into_os_string();
+        temporary.push(".next");
+        let is_made =
+            symlink(&pty.name, &temporary).and_then(|()| fs::rename(&temporary, &self.path));
         is_made.with_context(|| format!("cannot replace {}", self.path.display()))
     }
 }

@@ -15,8 +15,8 @@ use leadscrew::{
 use crate::{
     columns::{ColumnWriter, varint},
     curves::Curves,
+    drilled_holes,
     figures::Figures,
-    holes,
     job::{Axis, HoleMark, Job, PathInfo, PlaceMark, Refused, SettingRow, Times},
     merge::Merger,
     playing::{self, Recorder},
@@ -241,7 +241,7 @@ impl MarkRecorder {
         let modal = interpreter.modal();
         let mut marks = Marks::default();
         if let MotionMode::Cycle(cycle) = modal.motion {
-            let found = holes::holes_of_line(interpreter, cycle, from, &commands);
+            let found = drilled_holes::holes_of_line(interpreter, cycle, from, &commands);
             let named = found.into_iter().map(|hole| HoleMark {
                 line: self.lines,
                 name: format!("G{}", hole.cycle as u8),
@@ -350,10 +350,10 @@ fn alarms(figures: &Figures) -> Vec<Refused> {
 fn setting_rows(settings: &Settings) -> Vec<SettingRow> {
     let listed = |settings: &Settings| {
         let mut simulator = Box::new(Simulator::new(settings));
-        let mut said = playing::ask(&mut simulator, b"$+\n");
+        let mut answer = playing::ask(&mut simulator, b"$+\n");
         // The welcome comes first.
-        said.retain(|line| line.starts_with('$'));
-        said
+        answer.retain(|line| line.starts_with('$'));
+        answer
     };
     let (used, new) = (listed(settings), listed(&Settings::new(settings.step_rate)));
     let rows = Setting::all().zip(used.into_iter().zip(new));

@@ -119,16 +119,16 @@ pub fn check(
 fn all(file: Option<&Path>, mut reasons: Vec<(Option<usize>, &String)>) -> Error {
     // Those of the command line have no line and come last.
     reasons.sort_by_key(|(line, _)| line.unwrap_or(usize::MAX));
-    let tell = |(line, reason): &(Option<usize>, &String)| match line {
+    let with_line = |(line, reason): &(Option<usize>, &String)| match line {
         Some(line) => format!("line {line}: {reason}"),
         None => (*reason).clone(),
     };
-    let told: Vec<_> = reasons.iter().map(tell).collect();
+    let reports: Vec<_> = reasons.iter().map(with_line).collect();
     let title = match (file, &reasons[..]) {
         (None, [(_, reason)]) | (_, [(None, reason)]) => return anyhow!("{reason}"),
         (Some(path), [_]) => format!("{}: a line is refused", path.display()),
         (Some(path), all) => format!("{}: {} lines are refused", path.display(), all.len()),
         (None, all) => format!("{} settings are refused", all.len()),
     };
-    anyhow!(told.join("\n")).context(title)
+    anyhow!(reports.join("\n")).context(title)
 }

@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_behind_an_alarm_are_one_cause_that_names_it() {
+    fn lines_after_an_alarm_are_one_cause_that_names_it() {
         let mut refusals = Refusals::default();
         refusals.alarm(12, "ALARM:2");
         for number in 13..40 {

@@ -28,9 +28,9 @@ pub struct SwitchPositions {
 impl SwitchPositions {
     /// Of a machine with as much travel as these settings say.
     pub fn of(settings: &Settings) -> Self {
-        let steps = |axis: usize, way_mm: f64| {
+        let steps = |axis: usize, distance_mm: f64| {
             let scale = settings.steps_per_mm[axis].millionths() as f64 * 1e-6;
-            (way_mm * scale).round() as i32
+            (distance_mm * scale).round() as i32
         };
         let half_mm = settings
             .max_travel_mm

@@ -154,9 +154,9 @@ fn off(path: &[Vertex], scales: &[f64; AXES], us: u64, steps: &[i32; AXES]) -> f
             from: &path[next - 1],
             to: &path[next],
         };
-        let way = piece.way_at(piece.time_of(time).min(1.0));
+        let share = piece.share_at(piece.time_of(time).min(1.0));
         let axes = (0..AXES).map(|axis| {
-            let off = (piece.steps_at(way, axis) - f64::from(steps[axis])).abs();
+            let off = (piece.steps_at(share, axis) - f64::from(steps[axis])).abs();
             (off - 1.0).max(0.0) / scales[axis]
         });
         axes.fold(0.0, f64::max)
@@ -170,9 +170,9 @@ fn off(path: &[Vertex], scales: &[f64; AXES], us: u64, steps: &[i32; AXES]) -> f
 }
 
 fn line() -> impl Strategy<Value = String> {
-    let ways = [-3000..3000_i32, -3000..3000, -300..300];
-    (0..8_u32, ways, 50..4000_i32).prop_map(|(what, [x, y, z], feed)| {
-        let [x, y, z] = [x, y, z].map(|way| f64::from(way) / 100.0);
+    let displacements = [-3000..3000_i32, -3000..3000, -300..300];
+    (0..8_u32, displacements, 50..4000_i32).prop_map(|(what, [x, y, z], feed)| {
+        let [x, y, z] = [x, y, z].map(|share| f64::from(share) / 100.0);
         match what {
             0 => format!("G0X{x}Y{y}Z{z}"),
             1 => format!("G3X{x}Y{y}R{}F{feed}", 0.6 * x.hypot(y) + 0.1),

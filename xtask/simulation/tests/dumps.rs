@@ -78,20 +78,23 @@ fn soft_limits_may_stand_before_homing_and_speeds_before_resolutions() {
 }
 
 #[test]
-fn numbers_of_grblhal_that_are_unknown_are_told_in_one_line() {
+fn numbers_of_grblhal_that_are_unknown_are_reported_in_one_line() {
     let loaded = loaded("grblhal.txt", &[]);
     assert_eq!(loaded.settings.steps_per_mm[2].millionths(), 640_000_000);
     assert!(loaded.settings.enable_invert && loaded.settings.soft_limits);
     let dump = settings::read(&path("grblhal.txt")).unwrap();
     assert_eq!(dump.entries.len(), loaded.statements.len());
     assert_eq!(dump.entries.len() + dump.others.len(), 99);
-    let told = dump.left_out().unwrap();
+    let report = dump.left_out().unwrap();
     let count = format!(
         "{} settings that this machine does not have: ",
         dump.others.len()
     );
-    assert!(told.starts_with(&count) && !told.contains('\n'), "{told}");
-    assert!(told.contains("$300-$305, $307, "), "{told}");
+    assert!(
+        report.starts_with(&count) && !report.contains('\n'),
+        "{report}"
+    );
+    assert!(report.contains("$300-$305, $307, "), "{report}");
 }
 
 #[test]
@@ -100,10 +103,10 @@ fn a_sum_of_bits_that_only_grblhal_has_is_refused_or_replaced() {
     let dump = Dump::read(&text.replace("$10=255", "$10=511"));
     let combined = settings::combine(&Settings::new(RATE), &dump.entries);
     let error = settings::check(Some(Path::new("grblhal")), &dump, combined).unwrap_err();
-    let told = format!("{error:#}");
+    let report = format!("{error:#}");
     assert!(
-        told.contains("line 13: $10=511: 0 to 255 is allowed"),
-        "{told}"
+        report.contains("line 13: $10=511: 0 to 255 is allowed"),
+        "{report}"
     );
     assert_eq!(loaded("grblhal.txt", &["$10=1"]).settings.report_mask, 1);
 }
@@ -113,15 +116,15 @@ fn fluidncs_named_settings_are_left_out() {
     let settings = loaded("fluidnc.txt", &[]).settings;
     assert!(settings.soft_limits);
     assert_eq!(settings.max_rate_mm_min[2], 1200.0);
-    let told = settings::read(&path("fluidnc.txt")).unwrap().left_out();
+    let report = settings::read(&path("fluidnc.txt")).unwrap().left_out();
     assert_eq!(
-        told.as_deref(),
+        report.as_deref(),
         Some("4 settings that this machine does not have: $Sta/SSID, $Message/Level, $N0, $N1")
     );
 }
 
 #[test]
-fn all_that_is_refused_is_told_with_its_line_and_its_limits() {
+fn all_that_is_refused_is_reported_with_its_line_and_its_limits() {
     assert_eq!(
         refused("too-fast.txt", &[]),
         "too-fast.txt: 5 lines are refused: \

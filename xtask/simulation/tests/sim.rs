@@ -48,21 +48,23 @@ fn names(folder: &Path) -> Vec<String> {
 /// A server, ended by Ctrl-C.
 struct Server {
     child: Child,
-    said: Lines<BufReader<ChildStderr>>,
+    messages: Lines<BufReader<ChildStderr>>,
 }
 
 impl Server {
     fn start(folder: &Path, arguments: &[&str]) -> (Self, String) {
         let mut child = sim(folder, arguments).spawn().unwrap();
-        let said = BufReader::new(child.stderr.take().unwrap()).lines();
-        let mut server = Self { child, said };
-        let line = server.hears("Serving");
+        let messages = BufReader::new(child.stderr.take().unwrap()).lines();
+        let mut server = Self { child, messages };
+        let line = server.expect_line("Serving");
         (server, line)
     }
 
     /// The rest of the next line that begins with a word.
-    fn hears(&mut self, word: &str) -> String {
-        let line = self.said.find(|line| line.as_ref().unwrap().contains(word));
+    fn expect_line(&mut self, word: &str) -> String {
+        let line = self
+            .messages
+            .find(|line| line.as_ref().unwrap().contains(word));
         let line = line.unwrap().unwrap();
         line.split_once(word).unwrap().1.trim().to_owned()
     }
@@ -121,7 +123,7 @@ fn the_version_is_that_of_the_workspace() {
 }
 
 #[test]
-fn what_cannot_be_read_or_written_is_told_before_anything_runs() {
+fn what_cannot_be_read_or_written_is_reported_before_anything_runs() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("part.nc"), "G1 X1 F600\n").unwrap();
     for (arguments, part) in [
@@ -183,10 +185,10 @@ fn tools_come_from_a_table_and_stay_in_the_flash() {
     }
     fs::write(folder.path().join("mm.tbl"), "T3 Z1\nT4 Z9000\n").unwrap();
     let run = done(folder.path(), &["-", "--tool-table", "mm.tbl"], "");
-    let said = text(&run.stderr);
+    let messages = text(&run.stderr);
     assert!(
-        said.contains("line 2 of the tool table, $TT4=T4 Z9000: the target"),
-        "{said}"
+        messages.contains("line 2 of the tool table, $TT4=T4 Z9000: the target"),
+        "{messages}"
     );
 }
 
@@ -202,8 +204,8 @@ fn an_interrupted_run_leaves_no_half_file() {
         std::thread::yield_now();
     }
     // What has a name beside that of a file is none that looks whole.
-    let is_beside = |name: &String| name.starts_with('.') && name.ends_with(".partial");
-    assert!(names(folder.path()).iter().all(is_beside));
+    let is_partial = |name: &String| name.starts_with('.') && name.ends_with(".partial");
+    assert!(names(folder.path()).iter().all(is_partial));
     interrupt(&child);
     assert!(!child.wait().unwrap().success());
     assert_eq!(names(folder.path()), Vec::<String>::new());
@@ -235,28 +237,31 @@ fn a_second_sender_is_refused_with_who_is_connected() {
     talk(&first, "G0\n");
     let holder = first.local_addr().unwrap().to_string();
     let mut second = TcpStream::connect(&address).unwrap();
-    let mut said = String::new();
-    second.read_to_string(&mut said).unwrap();
+    let mut messages = String::new();
+    second.read_to_string(&mut messages).unwrap();
     let begin = format!("[MSG:In use by {holder}");
-    let rest = said
+    let text_after = messages
         .strip_prefix(&begin)
-        .and_then(|rest| rest.strip_suffix("]\r\n"))
+        .and_then(|text_after| text_after.strip_suffix("]\r\n"))
         .unwrap();
     // Elsewhere than on Linux nobody tells which process that is.
     let process = format!(", process {} (", std::process::id());
-    assert!(rest.is_empty() || rest.starts_with(&process), "{said}");
-    let refused = server.hears("Refused");
     assert!(
-        refused.ends_with(&format!("{holder}{rest} is connected")),
+        text_after.is_empty() || text_after.starts_with(&process),
+        "{messages}"
+    );
+    let refused = server.expect_line("Refused");
+    assert!(
+        refused.ends_with(&format!("{holder}{text_after} is connected")),
         "{refused}"
     );
     let another = done(folder.path(), &["--tcp", &address], "");
     assert!(text(&another.stderr).contains("cannot listen at"));
     let process = format!("process {}", server.child.id());
-    assert!(rest.is_empty() || text(&another.stderr).contains(&process));
+    assert!(text_after.is_empty() || text(&another.stderr).contains(&process));
     talk(&first, "G0\n");
     drop(first);
-    server.hears("Left");
+    server.expect_line("Left");
     talk(&TcpStream::connect(&address).unwrap(), "G0\n");
     server.stop();
 }
@@ -289,15 +294,15 @@ fn a_second_sender_at_a_link_is_refused_with_who_is_connected() {
             std::thread::yield_now();
         }
         let second = open();
-        let mut said = String::new();
-        BufReader::new(&second).read_line(&mut said).unwrap();
+        let mut messages = String::new();
+        BufReader::new(&second).read_line(&mut messages).unwrap();
         let holder = format!("[MSG:In use by process {} (", std::process::id());
-        assert!(said.starts_with(&holder), "{said}");
-        assert!(server.hears("Refused").ends_with("is connected"));
+        assert!(messages.starts_with(&holder), "{messages}");
+        assert!(server.expect_line("Refused").ends_with("is connected"));
         drop(second);
         assert!(answered(&first));
         drop(first);
-        server.hears("Left");
+        server.expect_line("Left");
     }
     server.stop();
     assert_eq!(names(folder.path()), Vec::<String>::new());
@@ -313,9 +318,12 @@ fn a_second_server_on_a_link_or_a_flash_is_refused_with_who_has_it() {
         (["-", "--flash", "chip", "--switches"], "chip"),
     ] {
         let run = done(folder.path(), &arguments, "");
-        let said = text(&run.stderr);
-        assert!(said.contains(&format!("process {process}")), "{said}");
-        assert!(said.contains(&format!(" has {what}")), "{said}");
+        let messages = text(&run.stderr);
+        assert!(
+            messages.contains(&format!("process {process}")),
+            "{messages}"
+        );
+        assert!(messages.contains(&format!(" has {what}")), "{messages}");
     }
     server.stop();
     assert_eq!(names(folder.path()), ["chip"]);

@@ -109,10 +109,10 @@ pub(super) fn relief(count: usize) -> String {
     for line in 0..count {
         let (row, column) = (line / 200, line % 200);
         let power = (row * 37 + column * 101) % 1000;
-        let way = if row % 2 == 0 { 0.5 } else { -0.5 };
+        let step_mm = if row % 2 == 0 { 0.5 } else { -0.5 };
         let _ = match column {
             0 => writeln!(text, "G0Y0.1"),
-            _ => writeln!(text, "G1X{way}S{power}"),
+            _ => writeln!(text, "G1X{step_mm}S{power}"),
         };
     }
     text

@@ -92,13 +92,13 @@ impl Ends<'_> {
             return None;
         }
         let scale = self.exchange.scale();
-        let is_half_way = (0..AXES).all(|axis| {
+        let is_tie = (0..AXES).all(|axis| {
             let off = ours[axis] - theirs[axis];
             let exact = self.ours.parser_pos_mm[axis] * scale[axis];
             let from_half = (exact.abs().fract() - 0.5).abs();
             off == 0 || (off.abs() == 1 && from_half <= exact.abs().max(1.0) * 1e-6)
         });
-        let by_design = if is_half_way || self.exchange.has_long_number() {
+        let by_design = if is_tie || self.exchange.has_long_number() {
             Some(Deviation::ExactPositions)
         } else if self.is_stopped {
             Some(Deviation::ShortStops)

@@ -4,7 +4,7 @@ use leadscrew::gcode::LineError;
 
 use super::{
     DEAF_S, Exchange, Played,
-    heard::{Heard, Pair, align},
+    received::{Pair, ReceivedLine, align},
     rules::{
         differs_in_mist, differs_in_tool, displacement, is_arc, is_build_options, is_consequence,
         is_setting_out_of_range, stores,
@@ -35,20 +35,20 @@ const GRBL_BUFFER: usize = 128;
 const HOMING_SHARE: f64 = 0.35;
 
 /// Compares lines and knows the excuses.
-pub(super) struct Judge<'a> {
+pub(super) struct LineComparison<'a> {
     exchange: &'a Exchange,
     played: &'a Played,
     stops: &'a Stops,
-    theirs: Vec<Heard>,
+    theirs: Vec<ReceivedLine>,
 }
 
-impl<'a> Judge<'a> {
+impl<'a> LineComparison<'a> {
     pub(super) fn new(exchange: &'a Exchange, played: &'a Played, stops: &'a Stops) -> Self {
         Self {
             exchange,
             played,
             stops,
-            theirs: exchange.heard(),
+            theirs: exchange.received(),
         }
     }
 
@@ -56,8 +56,8 @@ impl<'a> Judge<'a> {
     /// the same any more, by a deviation.
     pub(super) fn lines(
         &self,
-        ours: &[Heard],
-        theirs: &[Heard],
+        ours: &[ReceivedLine],
+        theirs: &[ReceivedLine],
         found: &mut Vec<Difference>,
     ) -> Option<usize> {
         let mut diverged = None;
@@ -72,7 +72,7 @@ impl<'a> Judge<'a> {
                 Pair::Both(i, j) | Pair::Changed(i, j) => {
                     let (our, their) = (&ours[i], &theirs[j]);
                     let text = format!("`{}`, Grbl `{}`", our.text, their.text);
-                    let answers = theirs[..j].iter().filter(|heard| heard.is_answer());
+                    let answers = theirs[..j].iter().filter(|received| received.is_answer());
                     let reason = self.changed(our, their, answers.count());
                     ("line", their.step, text, reason)
                 }
@@ -85,10 +85,14 @@ impl<'a> Judge<'a> {
                     ("line", theirs[j].step, text, None)
                 }
             };
-            let text_of = |index: usize| theirs.get(index).map_or("", |heard| heard.text.as_str());
-            let apart = self.apart(step);
+            let text_of = |index: usize| {
+                theirs
+                    .get(index)
+                    .map_or("", |received| received.text.as_str())
+            };
+            let divergence = self.divergence(step);
             let by_design = by_design
-                .or(apart.map(|(deviation, _)| deviation))
+                .or(divergence.map(|(deviation, _)| deviation))
                 .or_else(|| match pair {
                     Pair::Changed(i, j) | Pair::Both(i, j) if diverged.is_some() => {
                         is_consequence(&ours[i].text, text_of(j)).then_some(Deviation::Follows)
@@ -104,7 +108,7 @@ impl<'a> Judge<'a> {
             if diverged.is_none()
                 && by_design.is_some_and(|deviation| deviation.row().has_consequences)
             {
-                diverged = Some(apart.map_or(step, |(_, since)| since));
+                diverged = Some(divergence.map_or(step, |(_, since)| since));
             }
             let name = self.exchange.step_name(step);
             found.push(Difference {
@@ -117,7 +121,7 @@ impl<'a> Judge<'a> {
     }
 
     /// What makes Grbl do something else in a step altogether, and since which step.
-    fn apart(&self, step: usize) -> Option<(Deviation, usize)> {
+    fn divergence(&self, step: usize) -> Option<(Deviation, usize)> {
         if self.loses_bytes(step) {
             return Some((Deviation::LostBytes, step));
         }
@@ -142,7 +146,7 @@ impl<'a> Judge<'a> {
             return Some((Deviation::SingleAxisHoming, home));
         }
         let refused_by_us =
-            self.played.heard.iter().any(|our| {
+            self.played.received.iter().any(|our| {
                 (home..=step).contains(&our.step) && our.is_error(LineError::LimitsEngaged)
             });
         refused_by_us.then_some((Deviation::HomingOnSwitch, home))
@@ -164,13 +168,13 @@ impl<'a> Judge<'a> {
                         })
                     )
                 });
-            let alarms = |their: &Heard| their.step == *index && their.text == "ALARM:1";
+            let alarms = |their: &ReceivedLine| their.step == *index && their.text == "ALARM:1";
             opens && self.theirs.iter().any(alarms)
         })
     }
 
     /// Other coordinates in a message: those of a place that a stop or a failed homing has changed.
-    fn why_elsewhere(&self, our: &Heard, by: &[f64]) -> Option<Deviation> {
+    fn why_elsewhere(&self, our: &ReceivedLine, by: &[f64]) -> Option<Deviation> {
         if self.exchange.has_failed_homing(our.step) {
             return Some(Deviation::HomingMotion);
         }
@@ -219,7 +223,12 @@ impl<'a> Judge<'a> {
     }
 
     /// Another text in the same place, after a number of answers.
-    fn changed(&self, our: &Heard, their: &Heard, answers_before: usize) -> Option<Deviation> {
+    fn changed(
+        &self,
+        our: &ReceivedLine,
+        their: &ReceivedLine,
+        answers_before: usize,
+    ) -> Option<Deviation> {
         let mut line = self.line_of(their.step);
         if line.is_empty() && their.is_answer() {
             line = self.answered(answers_before);
@@ -263,8 +272,8 @@ impl<'a> Judge<'a> {
         if their_ok && our.is_error(LineError::StepRateTooHigh) {
             return Some(Deviation::StepRates);
         }
-        let was_cut = their_ok || their.is_error(LineError::StepPulseTooShort);
-        if was_cut && is_setting_out_of_range(&line) {
+        let was_limited = their_ok || their.is_error(LineError::StepPulseTooShort);
+        if was_limited && is_setting_out_of_range(&line) {
             let refused = [LineError::NegativeValue, LineError::SettingOutOfRange];
             let is_refused = refused.into_iter().any(|error| our.is_error(error));
             return is_refused.then_some(Deviation::SettingRanges);
@@ -274,10 +283,10 @@ impl<'a> Judge<'a> {
         if our.text.starts_with('$') && same_setting(&our.text) == same_setting(&their.text) {
             let name = same_setting(&our.text)?;
             let before = (0..their.step).map(|step| self.line_of(step));
-            let was_cut = before
+            let was_limited = before
                 .filter(|line| line.starts_with(&format!("{name}=")))
                 .any(|line| is_setting_out_of_range(&line));
-            return was_cut.then_some(Deviation::SettingRanges);
+            return was_limited.then_some(Deviation::SettingRanges);
         }
         None
     }
@@ -296,7 +305,7 @@ impl<'a> Judge<'a> {
     }
 
     /// Ours alone said something.
-    fn surplus(&self, our: &Heard) -> Option<Deviation> {
+    fn surplus(&self, our: &ReceivedLine) -> Option<Deviation> {
         let line = self.line_of(our.step);
         let recorded = self.exchange.step(our.step)?;
         if line == "$I" && our.text.starts_with("[MSG:Step rate: ") {
@@ -329,7 +338,11 @@ impl<'a> Judge<'a> {
     }
 
     /// The same text at another time. `None`: the times agree.
-    fn time(&self, our: &Heard, their: &Heard) -> Option<(String, Option<Deviation>)> {
+    fn time(
+        &self,
+        our: &ReceivedLine,
+        their: &ReceivedLine,
+    ) -> Option<(String, Option<Deviation>)> {
         let (Some(our_s), Some(their_s)) = (our.time_s, their.time_s) else {
             let text = || format!("`{}` in the step before", our.text);
             return (our.step != their.step).then(|| (text(), Some(Deviation::NoPause)));
@@ -342,7 +355,12 @@ impl<'a> Judge<'a> {
         Some((text, self.why_at_another_time(our, their, late_s)))
     }
 
-    fn why_at_another_time(&self, our: &Heard, their: &Heard, late_s: f64) -> Option<Deviation> {
+    fn why_at_another_time(
+        &self,
+        our: &ReceivedLine,
+        their: &ReceivedLine,
+        late_s: f64,
+    ) -> Option<Deviation> {
         let their_s = their.time_s?;
         let line = self.line_of(their.step);
         let after_alarm = self.theirs.iter().any(|alarm| {

@@ -55,10 +55,10 @@ fn between(levels: &Levels, from_s: f64, to_s: f64) -> impl Iterator<Item = i64>
 }
 
 /// Whether a level of theirs is one of ours at nearly the same time, or between two of them.
-fn has(ours: &Levels, time_s: f64, tolerance_s: f64, theirs: i64, apart: i64) -> bool {
+fn has(ours: &Levels, time_s: f64, tolerance_s: f64, theirs: i64, tolerance: i64) -> bool {
     let near: Vec<_> = between(ours, time_s - tolerance_s, time_s + tolerance_s).collect();
     match (near.iter().min(), near.iter().max()) {
-        (Some(least), Some(most)) => (least - apart..=most + apart).contains(&theirs),
+        (Some(least), Some(most)) => (least - tolerance..=most + tolerance).contains(&theirs),
         _ => theirs == 0,
     }
 }
@@ -93,8 +93,8 @@ pub(super) fn compare(
     for name in ["coolant_flood", "steppers_disabled"] {
         signals.push((name, ours(name), theirs(name), 0));
     }
-    for (name, ours, theirs, apart) in &signals {
-        let first = first_difference(exchange, played, stops, (ours, theirs), *apart);
+    for (name, ours, theirs, tolerance) in &signals {
+        let first = first_difference(exchange, played, stops, (ours, theirs), *tolerance);
         if let Some((text, by_design)) = first {
             found.push(Difference {
                 what: "output",
@@ -105,8 +105,8 @@ pub(super) fn compare(
     }
 }
 
-/// When the recording of the outputs ended: one that shows a spindle or coolant on, where Grbl says
-/// that it is off, broke off before.
+/// The end of the recording of the outputs. A recording broke off early if it shows a spindle or coolant on that Grbl
+/// reports as off.
 fn recorded_until(exchange: &Exchange) -> f64 {
     let same = |time: f64| time;
     let is_on = |levels: Levels| levels.last().is_some_and(|(_, value)| *value != 0);
@@ -138,7 +138,7 @@ fn first_difference(
     played: &Played,
     stops: &Stops,
     (ours, theirs): (&Levels, &Levels),
-    apart: i64,
+    tolerance: i64,
 ) -> Option<(String, Option<Deviation>)> {
     let end_s = recorded_until(exchange);
     let mut excused = None;
@@ -155,9 +155,9 @@ fn first_difference(
     changes.sort_by(|a, b| a.0.total_cmp(&b.0));
     for (time, value, is_ours) in changes {
         let other = if is_ours { theirs } else { ours };
-        let has_override = apart == PWM_SAME && exchange.has_spindle_override(time);
+        let has_override = tolerance == PWM_SAME && exchange.has_spindle_override(time);
         let lag_s = if has_override { GRBL_SEGMENTS_S } else { 0.0 };
-        if has(other, time, SAME_S + lag_s, value, apart) {
+        if has(other, time, SAME_S + lag_s, value, tolerance) {
             continue;
         }
         let step = exchange.step_at(time);
@@ -166,12 +166,12 @@ fn first_difference(
         let is_deaf = exchange
             .alarms_s()
             .any(|alarm_s| (alarm_s..alarm_s + DEAF_S).contains(&time));
-        if is_deaf && has(other, time, SAME_S + DEAF_S, value, apart) {
+        if is_deaf && has(other, time, SAME_S + DEAF_S, value, tolerance) {
             let text = format!("{value} at {time:.3} s, with the alarm");
             excused.get_or_insert((text, Some(Deviation::NoDeafness)));
             continue;
         }
-        if apart == PWM_SAME && is_dark_hold(exchange, played, played.own_time_s(step, time)) {
+        if tolerance == PWM_SAME && is_dark_hold(exchange, played, played.own_time_s(step, time)) {
             let text = format!("{value} at {time:.3} s, in a hold");
             excused.get_or_insert((text, Some(Deviation::DarkHold)));
             continue;
@@ -183,7 +183,7 @@ fn first_difference(
             time,
             SAME_S + allowed.seconds + ahead_s,
             value,
-            apart,
+            tolerance,
         ) {
             let why = if allowed.mm > 0.0 {
                 Deviation::ShortStops

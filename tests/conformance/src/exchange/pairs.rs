@@ -2,8 +2,8 @@
 
 use super::{
     Exchange, Played,
-    heard::Heard,
     reader::{BYTE_S, SAME_S, displacement},
+    received::ReceivedLine,
     status::Report,
 };
 
@@ -14,11 +14,11 @@ pub(super) struct Paired {
     pub(super) step: usize,
     /// When our report was sent, in our time; untimed recordings: when the step began.
     pub(super) own_s: f64,
-    pub(super) ours: Option<Heard>,
+    pub(super) ours: Option<ReceivedLine>,
     /// What Grbl sent at once.
-    pub(super) theirs: Option<Heard>,
+    pub(super) theirs: Option<ReceivedLine>,
     /// What Grbl sent much later.
-    pub(super) late: Option<Heard>,
+    pub(super) late: Option<ReceivedLine>,
     /// Both stand, in the same place.
     pub(super) is_same_rest: bool,
     /// The next `?` comes so soon that one report may be for both.
@@ -32,8 +32,8 @@ const SOON_S: f64 = 0.02;
 pub(super) fn pair(
     exchange: &Exchange,
     played: &Played,
-    ours: &[Heard],
-    theirs: &[Heard],
+    ours: &[ReceivedLine],
+    theirs: &[ReceivedLine],
 ) -> Vec<Paired> {
     let mut asked: Vec<Paired> = Vec::new();
     for (index, step) in exchange.session.steps().enumerate() {
@@ -53,45 +53,45 @@ pub(super) fn pair(
         asked[index - 1].is_followed = wait_s < SOON_S;
     }
     let time_of = |step: usize| exchange.session.steps().nth(step).and_then(|step| step.t);
-    for heard in ours {
+    for received in ours {
         // Each `?` has its own report, in order.
         let first = asked
             .iter_mut()
-            .find(|asked| asked.ours.is_none() && asked.step <= heard.step);
+            .find(|asked| asked.ours.is_none() && asked.step <= received.step);
         if let Some(asked) = first {
-            asked.ours = Some(heard.clone());
+            asked.ours = Some(received.clone());
         }
     }
     let mut from = 0;
-    for (number, heard) in theirs.iter().enumerate() {
+    for (number, received) in theirs.iter().enumerate() {
         // Grbl answers all `?` so far at once: the latest gets it, and each report its own.
         let latest = (from..asked.len())
             .rev()
-            .find(|index| asked[*index].step <= heard.step);
+            .find(|index| asked[*index].step <= received.step);
         let Some(latest) = latest else {
             continue;
         };
         let more = theirs[number + 1..]
             .iter()
-            .filter(|next| next.step == heard.step && asked[latest].step == heard.step);
+            .filter(|next| next.step == received.step && asked[latest].step == received.step);
         let last = latest.saturating_sub(more.count()).max(from);
         let asked = &mut asked[last];
-        let delay = heard
+        let delay = received
             .time_s
             .zip(time_of(asked.step))
             .map(|(time_s, asked_s)| time_s - asked_s);
-        let is_prompt = delay.map_or(heard.step == asked.step, |delay| {
-            delay <= SAME_S + heard.text.len() as f64 * BYTE_S
+        let is_prompt = delay.map_or(received.step == asked.step, |delay| {
+            delay <= SAME_S + received.text.len() as f64 * BYTE_S
         });
         if is_prompt {
-            asked.theirs = Some(heard.clone());
+            asked.theirs = Some(received.clone());
         } else {
-            asked.late = Some(heard.clone());
+            asked.late = Some(received.clone());
         }
         from = last + 1;
     }
     for asked in &mut asked {
-        if let Some(time_s) = asked.ours.as_ref().and_then(|heard| heard.time_s) {
+        if let Some(time_s) = asked.ours.as_ref().and_then(|received| received.time_s) {
             asked.own_s = played.own_time_s(asked.step, time_s);
         }
         asked.is_same_rest = asked.stands_with(played);
@@ -112,10 +112,10 @@ impl Paired {
             return false;
         };
         let samples = played.track.between(self.own_s - SAME_S, self.own_s);
-        let rests = samples
+        let stands_still = samples
             .windows(2)
             .all(|pair| pair[0].steps == pair[1].steps);
-        rests
+        stands_still
             && theirs.feed_mm_min() == 0.0
             && displacement(&ours, &theirs)
                 .is_some_and(|by| by.iter().all(|part| part.abs() <= ours.rounding_mm() * 2.0))

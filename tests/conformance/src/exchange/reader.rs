@@ -60,7 +60,7 @@ pub(super) struct Reader<'a> {
 impl Reader<'_> {
     /// What stops in motion allow, and how far ours is ahead.
     fn allowance(&self) -> Allowance {
-        let time_s = self.pair.ours.as_ref().and_then(|heard| heard.time_s);
+        let time_s = self.pair.ours.as_ref().and_then(|received| received.time_s);
         let ahead_s = time_s.map_or(0.0, |time_s| self.exchange.ahead_s(time_s));
         let mut allowed = self.stops.allowance(self.pair.own_s);
         allowed.seconds += ahead_s;
@@ -85,7 +85,7 @@ impl Reader<'_> {
     }
 
     /// Whether nothing moves, for either.
-    pub(super) fn rests(&self) -> bool {
+    pub(super) fn stands_still(&self) -> bool {
         let samples = self.samples(SAME_S);
         self.theirs.feed_mm_min() == 0.0
             && samples
@@ -142,12 +142,12 @@ impl Reader<'_> {
             .fold(0.0_f64, |most, scale| most.max(1.0 / scale));
         if farthest <= rounding {
             match (self.ours.field("MPos"), self.theirs.field("MPos")) {
-                (Some(a), Some(b)) if self.rests() && a != b => {
+                (Some(a), Some(b)) if self.stands_still() && a != b => {
                     Finding::excused_if(is_tie(a, b, &self.exact()), Deviation::Rounding)
                 }
                 _ => Finding::Same,
             }
-        } else if self.rests() {
+        } else if self.stands_still() {
             let is_stop = self.stops.explain(self.pair.own_s, &by, step_mm);
             if !is_stop && self.exchange.has_failed_homing(self.pair.step) {
                 return Finding::Excused(Deviation::HomingMotion);
@@ -193,7 +193,7 @@ impl Reader<'_> {
     }
 
     /// The position in motion, this far apart, mm.
-    fn position_in_motion(&self, apart_mm: f64) -> Finding {
+    fn position_in_motion(&self, deviation_mm: f64) -> Finding {
         let fastest = |tolerance_s: f64| {
             let samples = self.samples(tolerance_s).iter();
             let fastest = samples.fold(self.theirs.feed_mm_min(), |most, sample| {
@@ -201,13 +201,13 @@ impl Reader<'_> {
             });
             fastest / 60.0
         };
-        if apart_mm <= fastest(SAME_S) * MOTION_S {
+        if deviation_mm <= fastest(SAME_S) * MOTION_S {
             return Finding::Same;
         }
         let allowed = self.allowance();
         let seconds = MOTION_S + allowed.seconds;
         let reach_mm = allowed.mm + fastest(SAME_S + allowed.seconds) * seconds;
-        let is_excused = allowed.seconds > 0.0 && apart_mm <= reach_mm;
+        let is_excused = allowed.seconds > 0.0 && deviation_mm <= reach_mm;
         Finding::excused_if(is_excused, self.excuse())
     }
 

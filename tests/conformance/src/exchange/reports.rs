@@ -4,9 +4,9 @@ use leadscrew::{axis::AXES, model::State};
 
 use super::{
     Exchange, Played,
-    heard::Heard,
     pairs::Paired,
     reader::{BYTE_S, Finding, Reader, displacement},
+    received::ReceivedLine,
     status::Report,
     stops::Stops,
 };
@@ -99,8 +99,8 @@ impl Comparison<'_> {
     fn with_theirs(
         &mut self,
         pair: &Paired,
-        (ours, report): (&Heard, &Report),
-        theirs: &Heard,
+        (ours, report): (&ReceivedLine, &Report),
+        theirs: &ReceivedLine,
     ) -> Found {
         let Ok(their_report) = theirs.text.parse::<Report>() else {
             return Found::new();
@@ -129,7 +129,7 @@ impl Comparison<'_> {
                 Finding::Differs => found.push((text(), None)),
             }
         }
-        if reader.rests() && !self.stands_as_before(&reader) {
+        if reader.stands_still() && !self.stands_as_before(&reader) {
             found.push(("the axes have moved while they stood".into(), None));
         }
         found
@@ -162,7 +162,7 @@ impl Comparison<'_> {
         let has_time = pair
             .ours
             .as_ref()
-            .is_some_and(|heard| heard.time_s.is_some());
+            .is_some_and(|received| received.time_s.is_some());
         if !has_time || ours.field("MPos").is_none() {
             return true;
         }
@@ -197,7 +197,7 @@ impl Comparison<'_> {
 fn lateness(
     exchange: &Exchange,
     pair: &Paired,
-    ours: &Heard,
+    ours: &ReceivedLine,
 ) -> Option<(String, Option<Deviation>)> {
     let step = exchange.step(pair.step)?;
     step.rt.as_ref()?;
@@ -214,13 +214,15 @@ fn lateness(
 /// Whether our machine has welcomed the sender between two times.
 fn was_reset(played: &Played, from_s: f64, to_s: f64) -> bool {
     let mut welcomes = played
-        .heard
+        .received
         .iter()
-        .filter(|heard| heard.text.starts_with("Grbl "));
-    welcomes.any(|heard| {
-        let time_s = heard.time_s.map_or(played.began_s[heard.step], |time_s| {
-            played.own_time_s(heard.step, time_s)
-        });
+        .filter(|received| received.text.starts_with("Grbl "));
+    welcomes.any(|received| {
+        let time_s = received
+            .time_s
+            .map_or(played.began_s[received.step], |time_s| {
+                played.own_time_s(received.step, time_s)
+            });
         from_s < time_s && time_s <= to_s
     })
 }

@@ -9,10 +9,10 @@ pub(super) fn is_consequence(ours: &str, theirs: &str) -> bool {
     let is_lock = |text: &str| ["ok", "error:9", "error:8"].contains(&text);
     let is_list =
         |text: &str| (text.starts_with('[') && !text.starts_with("[MSG")) || text.starts_with('$');
-    let is_told = |text: &str| text.is_empty() || text == "[MSG:Caution: Unlocked]";
+    let is_optional = |text: &str| text.is_empty() || text == "[MSG:Caution: Unlocked]";
     (is_lock(ours) && is_lock(theirs))
         || (is_list(ours) && is_list(theirs))
-        || (is_told(ours) && is_told(theirs))
+        || (is_optional(ours) && is_optional(theirs))
 }
 
 /// How far the coordinates of two messages of one kind are apart, mm; in inches, what that is.

@@ -79,7 +79,7 @@ impl Report {
 /// half-way between two digits: `exact` has them in the same unit.
 pub(crate) fn is_tie(ours: &str, theirs: &str, exact: &[f64]) -> bool {
     let (ours, theirs): (Vec<_>, Vec<_>) = (ours.split(',').collect(), theirs.split(',').collect());
-    let is_half_way = |text: &str, exact: f64| {
+    let is_tie = |text: &str, exact: f64| {
         let scaled = exact.abs() * 10_f64.powf(decimals(text) as f64);
         (scaled.fract() - 0.5).abs() < 1e-3
     };
@@ -90,7 +90,7 @@ pub(crate) fn is_tie(ours: &str, theirs: &str, exact: &[f64]) -> bool {
             .zip(&theirs)
             .zip(exact)
             .all(|((our, their), exact)| {
-                our == their || (is_rounded_otherwise(our, their) && is_half_way(our, *exact))
+                our == their || (is_rounded_otherwise(our, their) && is_tie(our, *exact))
             })
 }
 
@@ -137,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_report_is_taken_apart() {
+    fn a_report_is_parsed_into_fields() {
         let report: Report = "<Hold:1|MPos:1.000,-2.500,0.000|FS:500,100|Ov:100,50,100|A:S>"
             .parse()
             .unwrap();
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn only_numbers_half_way_are_ties() {
+    fn only_numbers_exactly_between_are_ties() {
         assert!(is_tie("1.988,2.000", "1.987,2.000", &[1.9875, 2.0]));
         assert!(!is_tie("1.988,2.000", "1.987,2.000", &[1.9878, 2.0]));
         assert!(!is_tie("1.988,2.000", "1.986,2.000", &[1.9875, 2.0]));

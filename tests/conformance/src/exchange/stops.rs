@@ -66,13 +66,13 @@ impl Stops {
             }
         }
         causes.extend(soft_limits(exchange, played).map(|at_s| (at_s, Cause::Hold)));
-        for heard in played
-            .heard
+        for received in played
+            .received
             .iter()
-            .filter(|heard| heard.text.starts_with("ALARM:"))
+            .filter(|received| received.text.starts_with("ALARM:"))
         {
-            if let Some(time_s) = heard.time_s {
-                causes.push((played.own_time_s(heard.step, time_s), Cause::Reset));
+            if let Some(time_s) = received.time_s {
+                causes.push((played.own_time_s(received.step, time_s), Cause::Reset));
             }
         }
         let scale = exchange.scale();
@@ -133,9 +133,12 @@ impl Stops {
 
 /// When lines were sent that leave the travel: the axes slow down before the alarm.
 fn soft_limits(exchange: &Exchange, played: &Played) -> impl Iterator<Item = f64> {
-    let alarms = played.heard.iter().filter(|heard| heard.text == "ALARM:2");
-    alarms.filter_map(|heard| {
-        let line = (0..=heard.step)
+    let alarms = played
+        .received
+        .iter()
+        .filter(|received| received.text == "ALARM:2");
+    alarms.filter_map(|received| {
+        let line = (0..=received.step)
             .rev()
             .find(|step| exchange.step(*step).is_some_and(|step| step.line.is_some()))?;
         played.began_s.get(line).copied()

@@ -158,8 +158,8 @@ fn a_deviation_explains_only_its_own_kind() {
     assert_eq!(found(&tool)[0], ("line", None));
     let without_rate = |line: &str| {
         let mut recording = lines(&[line, "$G"]);
-        let heard = recording["result"][0]["recv"].as_array_mut().unwrap();
-        heard.retain(|text| !text.as_str().unwrap().contains("Step rate"));
+        let received = recording["result"][0]["recv"].as_array_mut().unwrap();
+        received.retain(|text| !text.as_str().unwrap().contains("Step rate"));
         recording
     };
     let info = found(&without_rate("$I"));
@@ -195,9 +195,9 @@ fn a_hold_may_act_sooner_but_not_anywhere() {
     assert!(is_excused(&held_later(160)));
     assert!(!is_excused(&held_later(800)));
     // Beside the path.
-    let mut beside = held_later(160);
-    beside["final"]["mpos_steps"][1] = json!(40);
-    assert!(!is_excused(&beside), "{:?}", differences(&beside));
+    let mut off_path = held_later(160);
+    off_path["final"]["mpos_steps"][1] = json!(40);
+    assert!(!is_excused(&off_path), "{:?}", differences(&off_path));
 }
 
 #[test]

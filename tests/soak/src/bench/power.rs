@@ -39,7 +39,7 @@ impl Bench {
         self.on_since = None;
         (self.line, self.urgent) = (VecDeque::new(), VecDeque::new());
         (self.next_in, self.next_out) = (0, 0);
-        self.heard.clear();
+        self.received.clear();
         (self.received_lines, self.answers, self.resets) = (0, 0, 0);
         self.refusals = 0;
         self.forget_losses();
@@ -58,7 +58,7 @@ impl Bench {
         }
     }
 
-    /// What is stored is not old, then it is new: the line that stored it changes nothing when it is sent again.
+    /// Checks that a stored record that is not old is new: the same line changes nothing when sent again.
     fn check_stored_by_line(&mut self, old: Option<&(Stored, ToolTable)>, writing: Option<&str>) {
         let new = self.may_be_stored.clone();
         let changes = old
@@ -71,7 +71,10 @@ impl Bench {
         self.recover_for_line();
         self.send("$X");
         self.send(line);
-        assert!(self.comes_to_rest(RESET_TICKS), "{line} is not answered");
+        assert!(
+            self.reaches_standstill(RESET_TICKS),
+            "{line} is not answered"
+        );
         assert!(self.may_be_stored == new, "{line} was stored in part");
     }
 }

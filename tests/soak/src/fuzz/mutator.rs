@@ -116,8 +116,8 @@ pub(super) fn escaped(input: &[u8]) -> String {
 /// The input of a line of text.
 pub(super) fn unescaped(text: &str) -> Vec<u8> {
     let mut input = Vec::new();
-    let mut rest = text.as_bytes();
-    while let [first, others @ ..] = rest {
+    let mut remainder = text.as_bytes();
+    while let [first, others @ ..] = remainder {
         let (byte, length) = match others {
             [b'n', ..] if *first == b'\\' => (b'\n', 2),
             [b'r', ..] if *first == b'\\' => (b'\r', 2),
@@ -130,7 +130,7 @@ pub(super) fn unescaped(text: &str) -> Vec<u8> {
             _ => (*first, 1),
         };
         input.push(byte);
-        rest = &rest[length..];
+        remainder = &remainder[length..];
     }
     input
 }

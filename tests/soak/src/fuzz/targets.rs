@@ -59,7 +59,7 @@ fn machine(flash: Option<Flash>) -> Box<Simulator> {
 }
 
 /// Runs until nothing happens any more, or for long. Returns the bytes that the machine sends.
-fn rest(simulator: &mut Simulator) -> Vec<u8> {
+fn run_to_end(simulator: &mut Simulator) -> Vec<u8> {
     let end = simulator.now() + LONGEST_TICKS;
     let mut sent = Vec::new();
     for _ in 0..MOST_CHANGES {
@@ -108,12 +108,12 @@ fn bytes(input: &[u8]) {
     let mut simulator = machine(None);
     let mut sent = Vec::new();
     receive(&mut simulator, input);
-    rest(&mut simulator);
+    run_to_end(&mut simulator);
     // In the RepRap dialect realtime bytes count after a silence.
     for byte in [b"\x18", b"?"] {
         let _ = pause(&mut simulator, 200);
         receive(&mut simulator, byte);
-        sent = rest(&mut simulator);
+        sent = run_to_end(&mut simulator);
     }
     assert!(sent.contains(&b'<'), "no report: {}", sent.escape_ascii());
 }
@@ -149,7 +149,7 @@ fn lines(input: &[u8]) {
 /// `$` statements, each answered once.
 fn statements(input: &[u8]) {
     let mut simulator = machine(None);
-    rest(&mut simulator);
+    run_to_end(&mut simulator);
     for statement in input.split(|byte| matches!(byte, b'\n' | b'\r')) {
         let text = statement
             .iter()
@@ -158,7 +158,7 @@ fn statements(input: &[u8]) {
         receive(&mut simulator, b"$");
         receive(&mut simulator, &text);
         receive(&mut simulator, b"\n");
-        let sent = rest(&mut simulator);
+        let sent = run_to_end(&mut simulator);
         let sent = String::from_utf8_lossy(&sent);
         let mut answers = sent.lines();
         let answers = answers
@@ -171,9 +171,9 @@ fn statements(input: &[u8]) {
             // It moves, sleeps, or waits for something.
             _ => {
                 receive(&mut simulator, b"\x18");
-                rest(&mut simulator);
+                run_to_end(&mut simulator);
                 receive(&mut simulator, b"$X\n");
-                rest(&mut simulator);
+                run_to_end(&mut simulator);
             }
         }
     }
@@ -190,7 +190,7 @@ fn hosts(input: &[u8]) {
         let line = begin.map_or(&[][..], |begin| &line[begin..]);
         receive(&mut simulator, line);
         receive(&mut simulator, b"\n");
-        let mut sent = rest(&mut simulator);
+        let mut sent = run_to_end(&mut simulator);
         // An emergency is answered by the clock.
         sent.extend(pause(&mut simulator, 100));
         let sent = String::from_utf8_lossy(&sent);
@@ -215,9 +215,9 @@ fn hosts(input: &[u8]) {
 /// A machine in the dialect of hosts.
 fn machine_for_hosts() -> Box<Simulator> {
     let mut simulator = machine(None);
-    rest(&mut simulator);
+    run_to_end(&mut simulator);
     receive(&mut simulator, b"$780=1\n");
-    rest(&mut simulator);
+    run_to_end(&mut simulator);
     simulator
 }
 
@@ -233,7 +233,7 @@ fn sessions(input: &[u8]) {
             byte => receive(&mut simulator, &[byte]),
         }
     }
-    rest(&mut simulator);
+    run_to_end(&mut simulator);
     assert_eq!(simulator.late(), 0, "late events");
 }
 
@@ -248,10 +248,10 @@ fn flash(input: &[u8]) {
     for line in input[..end].split(|&byte| byte == b'\n') {
         receive(&mut simulator, line);
         receive(&mut simulator, b"\n");
-        rest(&mut simulator);
+        run_to_end(&mut simulator);
         if simulator.snapshot().state != State::Idle {
             receive(&mut simulator, b"\x18\n$X\n");
-            rest(&mut simulator);
+            run_to_end(&mut simulator);
         }
     }
     let mut flash = simulator.into_flash();
@@ -268,19 +268,19 @@ fn flash(input: &[u8]) {
         }
     }
     let mut simulator = machine(Some(flash));
-    rest(&mut simulator);
+    run_to_end(&mut simulator);
     for line in ["\x18", "$X\n", "$20=0\n", "$22=0\n"] {
         receive(&mut simulator, line.as_bytes());
-        rest(&mut simulator);
+        run_to_end(&mut simulator);
     }
     // A startup line may have begun a long move.
     if simulator.snapshot().state != State::Idle {
         return;
     }
     receive(&mut simulator, b"$27=7.5\n");
-    rest(&mut simulator);
+    run_to_end(&mut simulator);
     let mut simulator = machine(Some(simulator.into_flash()));
-    rest(&mut simulator);
+    run_to_end(&mut simulator);
     let pull_off_mm = simulator.session().settings().homing_pull_off_mm;
     assert_eq!(pull_off_mm, 7.5, "a setting that is not stored");
 }

@@ -70,12 +70,12 @@ pub fn read(elf: &Path) -> Result<Vec<u8>> {
 /// Writes a file: under another name first, because an emulator may be reading the one that is
 /// there.
 pub fn replace(elf: &Path, image: &[u8]) -> Result<()> {
-    let copy = copy_beside(elf, image)?;
+    let copy = copy_next_to(elf, image)?;
     fs::rename(&copy, elf).with_context(|| format!("cannot write {}", elf.display()))
 }
 
 /// Writes a file beside another one, under a name that nobody knows.
-pub fn copy_beside(elf: &Path, image: &[u8]) -> Result<PathBuf> {
+pub fn copy_next_to(elf: &Path, image: &[u8]) -> Result<PathBuf> {
     let number = COPIES.fetch_add(1, Ordering::Relaxed);
     let copy = elf.with_extension(format!("{}-{number}", process::id()));
     let folder = elf.parent().unwrap_or(elf);

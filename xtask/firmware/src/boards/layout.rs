@@ -13,13 +13,13 @@ use super::{
 /// Start of the flash and of the RAM of every chip.
 const FLASH: u32 = 0x0800_0000;
 const RAM: u32 = 0x2000_0000;
-/// What each firmware leaves free of the flash that it may use, bytes: room for what owners add, and for mends.
-pub const LEAST_FREE_BYTES: u32 = 32 * 1024;
+/// Minimum free part of the flash of a firmware, bytes: room for additions of owners and for fixes.
+pub const MIN_FREE_BYTES: u32 = 32 * 1024;
 
-/// What an image takes of the flash that it may use.
+/// The use of the flash by an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FlashUse {
-    /// Bytes up to the last that is loaded, without those between vectors and code that hold settings or nothing.
+    /// Bytes up to the last loaded byte, without the sectors of the settings between vectors and code.
     pub used: u32,
     /// Bytes that the program may use.
     pub usable: u32,
@@ -32,8 +32,8 @@ impl FlashUse {
     }
 }
 
-/// Compares an image with the board's memory: no byte that is loaded may lie in the sectors of the settings, in a
-/// bootloader or outside of the chip's flash, code must be where it is loaded, and stack and data in the chip's RAM.
+/// Compares an image with the memory of the board. No loaded byte may lie in the sectors of the settings, in a
+/// bootloader or outside of the flash. Code must run where it is loaded; stack and data must lie in the RAM.
 pub fn check(board: &Board, image: &[u8]) -> Result<FlashUse> {
     let memory = board.chosen_memory();
     let segments = segments(image)?;
@@ -252,21 +252,21 @@ mod tests {
 
     #[test]
     fn a_program_in_a_sector_of_the_settings_is_refused() {
-        let behind_vectors = image("nucleo-f446re", None, Some(0x0800_01c4), 0x5000);
+        let after_vectors = image("nucleo-f446re", None, Some(0x0800_01c4), 0x5000);
         assert_eq!(
-            refusal("nucleo-f446re", &behind_vectors),
+            refusal("nucleo-f446re", &after_vectors),
             "4 548 bytes of the program, 0x08004000 to 0x080051c3, lie in sector 1, which holds settings"
         );
         let up_to_the_end = image("btt-skr-2", None, None, 0xb_8000);
-        let told = refusal("btt-skr-2", &up_to_the_end);
+        let message = refusal("btt-skr-2", &up_to_the_end);
         assert!(
-            told.ends_with("lie in sector 10, which holds settings"),
-            "{told}"
+            message.ends_with("lie in sector 10, which holds settings"),
+            "{message}"
         );
     }
 
     #[test]
-    fn a_program_behind_the_end_of_the_flash_is_refused() {
+    fn a_program_beyond_the_end_of_the_flash_is_refused() {
         let image = image("nucleo-f446re", None, None, 0x7_4100);
         assert_eq!(
             refusal("nucleo-f446re", &image),
@@ -312,8 +312,8 @@ mod tests {
             (start + 16, vectors(start + 17), "no vectors at 0x08008000"),
             (start, vectors(start + 5), "where the program has none"),
         ] {
-            let told = refusal("btt-skr-2", &elf(&[(at, at, &bytes, 8)]));
-            assert!(told.contains(reason), "{told}");
+            let message = refusal("btt-skr-2", &elf(&[(at, at, &bytes, 8)]));
+            assert!(message.contains(reason), "{message}");
         }
     }
 
@@ -348,15 +348,15 @@ mod tests {
                 "the stack begins at 0x20020000",
             ),
         ] {
-            let told = refusal("btt-skr-2", &elf(&[program, other]));
-            assert!(told.contains(reason), "{told}");
+            let message = refusal("btt-skr-2", &elf(&[program, other]));
+            assert!(message.contains(reason), "{message}");
         }
         let mut other_machine = elf(&[program]);
         other_machine[18] = 62;
-        let told = refusal("btt-skr-2", &other_machine);
+        let message = refusal("btt-skr-2", &other_machine);
         assert!(
-            told.contains("no program for the chip's processor"),
-            "{told}"
+            message.contains("no program for the chip's processor"),
+            "{message}"
         );
     }
 
@@ -366,8 +366,8 @@ mod tests {
         let program = [&vectors[..], &[0xbf; 8]].concat();
         let program = (0x0800_8000, 0x0800_8000, &program[..], 16);
         for last in [0x080d_ffff, 0x080f_ffff] {
-            let told = refusal("btt-skr-2", &elf(&[program, (last, last, &[1], 1)]));
-            assert!(told.contains("which holds settings"), "{told}");
+            let message = refusal("btt-skr-2", &elf(&[program, (last, last, &[1], 1)]));
+            assert!(message.contains("which holds settings"), "{message}");
         }
     }
 }

@@ -51,7 +51,7 @@ fn checked(image: &[u8]) -> Result<Vec<Range<u64>>> {
     Ok(sections.into_iter().filter(|it| !it.is_empty()).collect())
 }
 
-/// Compares what is loaded with what the firmware checks: it would not start with anything else beside it.
+/// Compares the loaded bytes with the bytes that the firmware checks: with other bytes the firmware would not start.
 fn compare(loaded: &[Range<u64>], checked: &[Range<u64>]) -> Result<()> {
     if let Some(other) = loaded.iter().find(|it| !checked.contains(it)) {
         bail!(

@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_out_of_the_settings_is_told() {
+    fn what_is_left_out_of_the_settings_is_reported() {
         let mut run = Run::default();
         put(&mut run, ["", "$36=1\n$22=1\n", "a.nc", "mill.txt"]);
         let (summary, _) = played(&mut run, u32::MAX);

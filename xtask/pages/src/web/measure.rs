@@ -88,12 +88,12 @@ pub fn under_node(index: &Path, program: &Path, file: Option<&Path>) -> Result<(
         .args(file);
     let output = node.stdin(Stdio::null()).stderr(Stdio::inherit()).output();
     let output = output.context("cannot start node, which this needs")?;
-    let said: Value = serde_json::from_slice(&output.stdout)
+    let measured: Value = serde_json::from_slice(&output.stdout)
         .with_context(|| format!("node says nothing ({})", output.status))?;
-    if let Some(failure) = said["failure"].as_str() {
+    if let Some(failure) = measured["failure"].as_str() {
         bail!("{failure}");
     }
     let page = fs::read(&out).context("node has left no page")?;
     fs::remove_file(&out)?;
-    Ok((said, page))
+    Ok((measured, page))
 }

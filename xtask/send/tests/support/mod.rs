@@ -1,6 +1,6 @@
 //! The simulator, the sender, and a cable between them that can be unplugged.
 
-pub(crate) mod cut;
+pub(crate) mod machined;
 
 use std::{
     fs::{File, OpenOptions},
@@ -92,7 +92,7 @@ impl Drop for Simulator {
 pub(crate) struct Sending {
     process: Child,
     printed: Receiver<String>,
-    said: Option<JoinHandle<String>>,
+    messages: Option<JoinHandle<String>>,
     /// All that has been printed.
     log: String,
 }
@@ -116,7 +116,7 @@ impl Sending {
                 .map_while(Result::ok)
                 .try_for_each(|line| sender.send(line))
         });
-        let said = thread::spawn(move || {
+        let messages = thread::spawn(move || {
             let mut text = String::new();
             let _ = errors.read_to_string(&mut text);
             text
@@ -124,7 +124,7 @@ impl Sending {
         Self {
             process,
             printed,
-            said: Some(said),
+            messages: Some(messages),
             log: String::new(),
         }
     }
@@ -134,8 +134,11 @@ impl Sending {
         loop {
             let Ok(line) = self.printed.recv_timeout(TIMEOUT) else {
                 let _ = self.process.kill();
-                let said = self.said.take().map(|said| said.join().unwrap());
-                panic!("no {text} in {}{}", self.log, said.unwrap_or_default());
+                let messages = self
+                    .messages
+                    .take()
+                    .map(|messages| messages.join().unwrap());
+                panic!("no {text} in {}{}", self.log, messages.unwrap_or_default());
             };
             self.log += &line;
             self.log.push('\n');
@@ -167,21 +170,21 @@ impl Sending {
     /// Whether it succeeds, and all that it has printed and said.
     fn end(mut self) -> (bool, String) {
         self.log.extend(self.printed.iter().map(|line| line + "\n"));
-        let said = self.said.take().unwrap().join().unwrap();
+        let messages = self.messages.take().unwrap().join().unwrap();
         let status = self.process.wait().unwrap();
-        (status.success(), self.log + &said)
+        (status.success(), self.log + &messages)
     }
 
     pub(crate) fn succeeds(self) -> String {
-        let (is_success, said) = self.end();
-        assert!(is_success, "{said}");
-        said
+        let (is_success, messages) = self.end();
+        assert!(is_success, "{messages}");
+        messages
     }
 
     pub(crate) fn fails(self) -> String {
-        let (is_success, said) = self.end();
-        assert!(!is_success, "{said}");
-        said
+        let (is_success, messages) = self.end();
+        assert!(!is_success, "{messages}");
+        messages
     }
 }
 
@@ -236,10 +239,10 @@ fn carry(near: &Pty, far: &File, end: &UnixStream) {
         }
         if ready[1] {
             let length = (&mut &*far).read(&mut bytes).unwrap();
-            let mut rest = &bytes[..length];
-            while !rest.is_empty() {
-                let written = rustix::io::write(near.controller(), rest).unwrap_or_default();
-                rest = &rest[written..];
+            let mut remainder = &bytes[..length];
+            while !remainder.is_empty() {
+                let written = rustix::io::write(near.controller(), remainder).unwrap_or_default();
+                remainder = &remainder[written..];
             }
         }
     }

@@ -63,12 +63,12 @@ pub fn nearest<const N: usize>(point: [f64; N], from: [f64; N], to: [f64; N]) ->
     } else {
         0.0
     };
-    let mut apart = 0.0;
+    let mut square = 0.0;
     for axis in 0..N {
         let off = point[axis] - from[axis] - share * (to[axis] - from[axis]);
-        apart += off * off;
+        square += off * off;
     }
-    (share, f64::sqrt(apart))
+    (share, f64::sqrt(square))
 }
 
 #[cfg(test)]

@@ -22,7 +22,7 @@ const AFTER_ANSWER_S: f64 = 0.005;
 /// How long it runs after a realtime byte or raw bytes, s.
 const AFTER_BYTES_S: f64 = 0.02;
 /// How often standstill is looked for, s, and how long bytes may be on their way.
-const LOOK_S: f64 = 0.01;
+const POLL_S: f64 = 0.01;
 /// How long the machine has for its welcome, s.
 const POWER_UP_S: f64 = 0.2;
 /// How often the machine is looked at, s.
@@ -185,7 +185,7 @@ impl Player {
             Act::Idle(seconds) => self.wait_for_standstill(*seconds),
             Act::Pin { pin, closed } => {
                 self.machine.press(*pin, *closed);
-                after = LOOK_S;
+                after = POLL_S;
             }
         }
         self.run_for(step.after.unwrap_or(after));
@@ -208,9 +208,9 @@ impl Player {
     /// Runs until nothing moves any more, so many seconds at most.
     pub fn wait_for_standstill(&mut self, most_s: f64) {
         let end = self.machine.now_s() + most_s;
-        self.run_for(LOOK_S.min(most_s) * 3.0);
+        self.run_for(POLL_S.min(most_s) * 3.0);
         while !self.machine.stands_still() && self.machine.now_s() < end {
-            self.run_for(LOOK_S);
+            self.run_for(POLL_S);
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Settings in a text: what `$$` lists, and what a terminal or a sender has kept around it.
 //!
-//! Lists of Grbl 0.9 and 1.1, grblHAL, `FluidNC` and this firmware are read as they are: the welcome
-//! line, `ok`, messages, reports and comments are skipped, and so are the marks that logs put
-//! before a line (`<` for what came, `>` for what was sent).
+//! Lists of Grbl 0.9 and 1.1, grblHAL, `FluidNC` and this firmware are read as they are. The welcome line, `ok`,
+//! messages, reports and comments are skipped. So are the marks of logs before a line: `<` for a received line, `>`
+//! for a sent line.
 
 use leadscrew::settings::Setting;
 
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn every_way_to_end_a_line_counts_one() {
+    fn every_line_ending_counts_one_line() {
         let dump = Dump::read("\u{feff}$0=10\r\n\r\n$1=25\r$2=0\nspeed\n");
         let lines: Vec<_> = dump.entries.iter().map(|entry| entry.line).collect();
         assert_eq!(lines, [Some(1), Some(3), Some(4)]);
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mistake_is_told_with_its_line() {
+    fn a_mistake_is_reported_with_its_line() {
         for (text, reason) in [
             ("$11O=5", "there is no setting $11O"),
             ("$=5", "there is no setting $"),

@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_said_to_do_does_and_the_next_does_not() {
+    fn the_promised_remedy_works_and_the_next_value_does_not() {
         let mut settings = Settings::new(StepRate::Proven(200_000));
         assign(&mut settings, b"100=157.48").unwrap();
         let text = refused(&settings, "110=40000");

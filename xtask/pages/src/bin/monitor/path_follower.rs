@@ -52,8 +52,8 @@ pub(crate) struct PathFollower {
     /// The time of the job at which the machine was last, s; none before it is on the path.
     at_s: Option<f64>,
     /// When that was, and when it was last sought everywhere, s since the beginning.
-    seen_s: f64,
-    sought_s: f64,
+    reported_s: f64,
+    searched_s: f64,
     seen: Option<[f64; AXES]>,
     /// How fast the job has been, as a part of what is planned: overrides change it.
     rate: f64,
@@ -73,7 +73,7 @@ impl PathFollower {
         });
         Self {
             points: points.collect(),
-            sought_s: f64::NEG_INFINITY,
+            searched_s: f64::NEG_INFINITY,
             rate: 1.0,
             ..Self::default()
         }
@@ -105,10 +105,10 @@ impl PathFollower {
             return;
         };
         if state == "Run" && self.is_on_path {
-            let since = (now_s - self.seen_s).max(0.0);
+            let since = (now_s - self.reported_s).max(0.0);
             self.at_s = Some((at + since).min(self.still_until(at)));
         }
-        self.seen_s = now_s;
+        self.reported_s = now_s;
     }
 
     /// Until when the job stands where it is at a time, s.
@@ -122,7 +122,7 @@ impl PathFollower {
     }
 
     fn seek(&mut self, place: [f64; AXES], now_s: f64, is_at_rest: bool) {
-        let since = (now_s - self.seen_s).clamp(0.0, LOST_S);
+        let since = (now_s - self.reported_s).clamp(0.0, LOST_S);
         let found = match self.at_s {
             Some(at) => {
                 let range = at - SEARCH_BACK_S..self.still_until(at) + SEARCH_AHEAD_S;
@@ -136,20 +136,20 @@ impl PathFollower {
             let rate = ((found - at) / since).clamp(0.0, 2.0);
             self.rate += (rate - self.rate) * since.min(LEARNED_S) / LEARNED_S;
         }
-        let is_lost = now_s - self.seen_s.max(self.sought_s) > LOST_S || self.at_s.is_none();
+        let is_lost = now_s - self.reported_s.max(self.searched_s) > LOST_S || self.at_s.is_none();
         let found = found.or_else(|| {
             // What stands is not sought: it may have been put anywhere.
-            let may_seek = is_lost && !is_at_rest && now_s - self.sought_s > LOST_S;
+            let may_seek = is_lost && !is_at_rest && now_s - self.searched_s > LOST_S;
             let from = self.at_s.unwrap_or(0.0);
             may_seek.then(|| {
-                self.sought_s = now_s;
+                self.searched_s = now_s;
                 let ahead = self.nearest(place, from..f64::INFINITY, from);
                 ahead.or_else(|| self.nearest(place, 0.0..from, 0.0))
             })?
         });
         self.is_on_path = found.is_some();
         if let Some(time) = found {
-            (self.at_s, self.seen_s, self.seen) = (Some(time), now_s, Some(place));
+            (self.at_s, self.reported_s, self.seen) = (Some(time), now_s, Some(place));
         }
     }
 
@@ -166,7 +166,7 @@ impl PathFollower {
         let pieces = self.points.windows(2).skip(first.saturating_sub(1));
         let mut best: Option<(f64, f64)> = None;
         for piece in pieces.take_while(|piece| piece[0].time_s <= range.end) {
-            let (way, off) = nearest(place, piece[0].place, piece[1].place);
+            let (distance, off) = nearest(place, piece[0].place, piece[1].place);
             if off > NEAR_MM {
                 continue;
             }
@@ -175,7 +175,7 @@ impl PathFollower {
                 // It stands, or turns.
                 expected_s.clamp(from, to)
             } else {
-                from + (to - from) * part_of_time(piece[0].speed, piece[1].speed, way)
+                from + (to - from) * part_of_time(piece[0].speed, piece[1].speed, distance)
             };
             let score = off + SECOND_MM * (time - expected_s).abs();
             if best.is_none_or(|(least, _)| score < least) {
@@ -191,8 +191,8 @@ impl PathFollower {
 
     fn progress(&self) -> Progress {
         let time_s = self.at_s.unwrap_or(0.0);
-        let behind = self.points.partition_point(|point| point.time_s <= time_s);
-        let point = self.points.get(behind.saturating_sub(1));
+        let next_index = self.points.partition_point(|point| point.time_s <= time_s);
+        let point = self.points.get(next_index.saturating_sub(1));
         Progress {
             time_s,
             left_s: (self.end_s() - time_s).max(0.0),
@@ -203,15 +203,15 @@ impl PathFollower {
 }
 
 /// At which part of its time a part of a piece's way has been made: the speed changes evenly.
-fn part_of_time(from: f64, to: f64, way: f64) -> f64 {
+fn part_of_time(from: f64, to: f64, distance: f64) -> f64 {
     let sum = from + to;
     if sum <= 0.0 {
-        return way;
+        return distance;
     }
     // way · sum = 2 · from · time + (to - from) · time²
-    let root = (from * from + (to - from) * sum * way).max(0.0).sqrt();
+    let root = (from * from + (to - from) * sum * distance).max(0.0).sqrt();
     if from + root > 0.0 {
-        way * sum / (from + root)
+        distance * sum / (from + root)
     } else {
         0.0
     }
@@ -251,18 +251,24 @@ mod tests {
             if time > end {
                 break;
             }
-            let behind = points.partition_point(|point| point.time_s <= time).max(1);
-            let (from, to) = (points[behind - 1], points[behind.min(points.len() - 1)]);
+            let next_index = points.partition_point(|point| point.time_s <= time).max(1);
+            let (from, to) = (
+                points[next_index - 1],
+                points[next_index.min(points.len() - 1)],
+            );
             let part = (time - from.time_s) / (to.time_s - from.time_s).max(1e-9);
             let place = std::array::from_fn(|axis| {
                 from.place[axis] + (to.place[axis] - from.place[axis]) * part
             });
-            let told = path_follower.follow(place, start_s + now, "Run");
-            assert!(told.is_on_path, "{time}");
-            assert!((told.time_s - time).abs() < 0.06, "{time}: {told:?}");
+            let followed = path_follower.follow(place, start_s + now, "Run");
+            assert!(followed.is_on_path, "{time}");
             assert!(
-                (told.left_s - (end - time)).abs() < 0.06,
-                "{time}: {told:?}"
+                (followed.time_s - time).abs() < 0.06,
+                "{time}: {followed:?}"
+            );
+            assert!(
+                (followed.left_s - (end - time)).abs() < 0.06,
+                "{time}: {followed:?}"
             );
         }
     }
@@ -288,12 +294,12 @@ mod tests {
         }
         path_follower.follow([0.0; 3], 0.0, "Run");
         path_follower.follow([10.0, 0.0, 0.0], 1.0, "Run");
-        let told = path_follower.follow([10.0, 0.0, 0.0], 3.0, "Run");
-        assert!((told.time_s - 3.0).abs() < 1e-6, "{told:?}");
+        let followed = path_follower.follow([10.0, 0.0, 0.0], 3.0, "Run");
+        assert!((followed.time_s - 3.0).abs() < 1e-6, "{followed:?}");
         assert!((path_follower.follow([10.0, 0.0, 0.0], 4.0, "Hold:0").time_s - 3.0).abs() < 1e-6);
         assert!((path_follower.follow([10.0, 0.0, 0.0], 99.0, "Run").time_s - 6.0).abs() < 1e-6);
-        let told = path_follower.follow([5.0, 0.0, 0.0], 99.5, "Run");
-        assert!((told.time_s - 6.5).abs() < 1e-6, "{told:?}");
+        let followed = path_follower.follow([5.0, 0.0, 0.0], 99.5, "Run");
+        assert!((followed.time_s - 6.5).abs() < 1e-6, "{followed:?}");
     }
 
     #[test]
@@ -303,29 +309,29 @@ mod tests {
         path_follower.follow([0.0; 3], 0.0, "Run");
         path_follower.follow([5.0, 0.0, 0.0], 0.5, "Run");
         for tick in 0..100 {
-            let told = path_follower.follow([5.0, 0.0, 0.0], 1.0 + f64::from(tick), "Hold:0");
-            assert!((told.time_s - 0.5).abs() < 1e-6, "{told:?}");
+            let followed = path_follower.follow([5.0, 0.0, 0.0], 1.0 + f64::from(tick), "Hold:0");
+            assert!((followed.time_s - 0.5).abs() < 1e-6, "{followed:?}");
         }
-        let told = path_follower.follow([6.0, 0.0, 0.0], 100.1, "Run");
+        let followed = path_follower.follow([6.0, 0.0, 0.0], 100.1, "Run");
         assert!(
-            (told.time_s - 0.6).abs() < 1e-6 && told.line == 1,
-            "{told:?}"
+            (followed.time_s - 0.6).abs() < 1e-6 && followed.line == 1,
+            "{followed:?}"
         );
     }
 
     #[test]
-    fn a_machine_beside_the_path_is_told_and_found_again() {
+    fn a_machine_off_the_path_is_reported_and_found_again() {
         let mut path_follower = path_follower(&[[0.0; 3], [100.0, 0.0, 0.0], [100.0, 50.0, 0.0]]);
         assert!(path_follower.follow([1.0, 0.0, 0.0], 0.1, "Run").is_on_path);
-        let beside = path_follower.follow([1.0, 0.0, 9.0], 0.2, "Run");
-        assert!(!beside.is_on_path && (beside.time_s - 0.1).abs() < 1e-6);
+        let off_path = path_follower.follow([1.0, 0.0, 9.0], 0.2, "Run");
+        assert!(!off_path.is_on_path && (off_path.time_s - 0.1).abs() < 1e-6);
         // Somebody jogs over the path.
         assert!((path_follower.follow([100.0, 25.0, 0.0], 9.0, "Jog").time_s - 0.1).abs() < 1e-6);
         // It goes on elsewhere.
-        let told = path_follower.follow([100.0, 25.0, 0.0], 10.0, "Run");
+        let followed = path_follower.follow([100.0, 25.0, 0.0], 10.0, "Run");
         assert!(
-            (told.time_s - 12.5).abs() < 1e-6 && told.line == 2,
-            "{told:?}"
+            (followed.time_s - 12.5).abs() < 1e-6 && followed.line == 2,
+            "{followed:?}"
         );
     }
 
@@ -344,13 +350,13 @@ mod tests {
         for (from, to) in [(0.0, 600.0), (600.0, 0.0), (300.0, 600.0), (0.0, 0.0)] {
             for tenth in 0..=10 {
                 let time = f64::from(tenth) / 10.0;
-                let way = if from + to > 0.0 {
+                let distance = if from + to > 0.0 {
                     (2.0 * from * time + (to - from) * time * time) / (from + to)
                 } else {
                     time
                 };
                 assert!(
-                    (part_of_time(from, to, way) - time).abs() < 1e-6,
+                    (part_of_time(from, to, distance) - time).abs() < 1e-6,
                     "{from} {to} {time}"
                 );
             }

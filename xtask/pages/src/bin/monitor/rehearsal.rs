@@ -81,15 +81,15 @@ mod tests {
         // 20 mm at 10 mm/s, 10 mm at 5 mm/s.
         assert!(last.time_s > 4.0 && points.is_sorted_by_key(|point| point.time_s));
         let mut path_follower = path_follower;
-        let told = path_follower.follow([15.0, 7.0, 0.0], 1.0, "Run");
+        let followed = path_follower.follow([15.0, 7.0, 0.0], 1.0, "Run");
         assert!(
-            told.is_on_path && told.line == 1 && (told.time_s - 1.0).abs() < 0.2,
-            "{told:?}"
+            followed.is_on_path && followed.line == 1 && (followed.time_s - 1.0).abs() < 0.2,
+            "{followed:?}"
         );
     }
 
     #[test]
-    fn a_position_of_another_machine_is_told() {
+    fn a_position_of_another_machine_is_reported() {
         let file = tempfile::NamedTempFile::new().unwrap();
         let answers = MachineAnswers {
             position: vec![0.0; AXES + 1],

@@ -115,10 +115,10 @@ impl Simulator {
         let start = Instant::now();
         while fs::symlink_metadata(&link).is_err() {
             if self.process.try_wait()?.is_some() {
-                let said = fs::read_to_string(self.folder.path().join("messages"));
-                let said = said.unwrap_or_default();
+                let printed = fs::read_to_string(self.folder.path().join("messages"));
+                let printed = printed.unwrap_or_default();
                 // Whoever shows it says once more that it is one.
-                bail!("{}", said.trim().trim_start_matches("error: "));
+                bail!("{}", printed.trim().trim_start_matches("error: "));
             }
             ensure!(start.elapsed() < START, "the simulator does not start");
             thread::sleep(GLANCE);

@@ -1,8 +1,8 @@
-//! Between a sender and the machine: every byte of theirs passes, and nothing else does.
+//! The tap between a sender and the machine: only the bytes of these two pass.
 //!
-//! Pure. Only what the monitor has asked for is taken out: the answer to its own `?`, and the position
-//! stream where it has switched that on. A sender that asks itself is listened to: the monitor is silent
-//! then, so that each report goes to whom it is meant for, with the fields that come round.
+//! Pure. The monitor takes out only the answers to its own requests: the report for its `?`, and the position
+//! stream where the monitor has switched the stream on. While a sender sends `?` itself, the monitor sends none
+//! and reads the reports of the sender, so that each report reaches its receiver with all fields.
 
 use std::time::Duration;
 
@@ -96,7 +96,7 @@ impl Tap {
             .is_some_and(|asked| now.saturating_sub(asked) >= ANSWER_TIMEOUT)
         {
             // The answer is lost.
-            self.let_go(now, machine);
+            self.release(now, machine);
         }
     }
 
@@ -109,12 +109,12 @@ impl Tap {
             sender.extend(line);
         }
         if is_report {
-            self.let_go(now, machine);
+            self.release(now, machine);
         }
     }
 
     /// Lets the questions go that have waited for the monitor's answer.
-    fn let_go(&mut self, now: Duration, machine: &mut Vec<u8>) {
+    fn release(&mut self, now: Duration, machine: &mut Vec<u8>) {
         self.asked = None;
         for _ in 0..std::mem::take(&mut self.held) {
             machine.push(b'?');

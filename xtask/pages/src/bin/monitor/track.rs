@@ -65,14 +65,14 @@ impl Track {
     }
 
     /// Reads bytes, and tells each line that they complete.
-    pub(crate) fn push(&mut self, bytes: &[u8], mut tell: impl FnMut(&mut Self, Sighting)) {
+    pub(crate) fn push(&mut self, bytes: &[u8], mut receive: impl FnMut(&mut Self, Sighting)) {
         self.lines.push(bytes);
         while let Some(line) = self.lines.next_line() {
             let text = line.trim_end();
             // Noise is no text.
             if !text.is_empty() && !text.contains(char::REPLACEMENT_CHARACTER) {
                 let sighting = self.read(text);
-                tell(self, sighting);
+                receive(self, sighting);
             }
         }
     }
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn cut_and_joined_lines_are_no_positions() {
+    fn truncated_and_joined_lines_are_no_positions() {
         let mut track = Track::default();
         for line in [
             "X:4X:45,Y:22",

@@ -82,7 +82,7 @@ impl Watch {
     pub(crate) fn begin(&mut self, path_follower: Option<PathFollower>) -> Result<()> {
         self.path_follower = path_follower;
         let report = self.track.report().map(Sighting::Report);
-        report.map_or(Ok(()), |report| self.look(&report, None))
+        report.map_or(Ok(()), |report| self.update(&report, None))
     }
 
     /// Watches until the program has ended, or Ctrl-C.
@@ -104,7 +104,7 @@ impl Watch {
                 return if job.is_some() { self.hold() } else { Ok(()) };
             }
             for sighting in std::mem::take(&mut self.seen) {
-                self.look(&sighting, job.as_deref_mut())?;
+                self.update(&sighting, job.as_deref_mut())?;
             }
             if job.as_ref().is_some_and(|job| job.is_done()) {
                 return Ok(());
@@ -112,25 +112,27 @@ impl Watch {
         }
     }
 
-    /// Holds a machine that is left in the midst of a job: it would carry out the lines that it has, and stand
-    /// still with its spindle on.
+    /// Holds a machine that is left during a job. Without the hold, the machine would execute the queued lines and
+    /// stand still with its spindle on.
     fn hold(&self) -> Result<()> {
         self.link.write(&mut vec![realtime::HOLD])?;
         bail!("the job was interrupted, and the machine is held: ~ goes on, a reset ends it")
     }
 
     /// Adds to the picture what has been seen.
-    fn look(&mut self, sighting: &Sighting, job: Option<&mut Sending>) -> Result<()> {
+    fn update(&mut self, sighting: &Sighting, job: Option<&mut Sending>) -> Result<()> {
         match sighting {
             Sighting::Steps([x, y], z) => {
-                let told = self.track.steps_per_mm();
-                let unit = if told.is_some() { "mm" } else { "step" };
+                let steps_per_mm = self.track.steps_per_mm();
+                let unit = if steps_per_mm.is_some() { "mm" } else { "step" };
                 let is_first = self.stream_scale.is_none();
-                let scale = *self.stream_scale.get_or_insert(told.unwrap_or([1.0; AXES]));
+                let scale = *self
+                    .stream_scale
+                    .get_or_insert(steps_per_mm.unwrap_or([1.0; AXES]));
                 let steps = [*x, *y, z.unwrap_or(0)].map(f64::from);
                 let mut place: [f64; AXES] = std::array::from_fn(|axis| steps[axis] / scale[axis]);
                 // A stream without Z leaves it to the reports.
-                if let (None, Some(report), true) = (z, &self.report, told.is_some()) {
+                if let (None, Some(report), true) = (z, &self.report, steps_per_mm.is_some()) {
                     place[Z] = report.machine_mm[Z];
                 }
                 self.shared.change(|picture| {

@@ -21,11 +21,11 @@ pub(crate) struct Plunge {
     /// How long the spindle gets before, s.
     pub(crate) spin_up_s: f32,
     /// Whether the machine is told in any case which tool is in it, so that it waits for a change again.
-    pub(crate) tells_tool: bool,
+    pub(crate) reports_tool: bool,
 }
 
-/// The lines that lead a machine in its power-up modes to a state: Z to the top, the other axes at rapid
-/// speed, the spindle and a dwell, Z down at feed, and the modes.
+/// The lines that lead a machine in its power-up modes to a state. They move Z to the top and the other axes at rapid
+/// speed, start the spindle, dwell, plunge Z at feed, and set the modes.
 pub(crate) fn approach(
     state: &Replay,
     now: &Interpreter,
@@ -41,7 +41,7 @@ pub(crate) fn approach(
         modal.coordinates.word()
     )];
     lines.extend(offsets(interpreter.offsets(), now.offsets()));
-    if plunge.tells_tool || interpreter.loaded_tool() != now.loaded_tool() {
+    if plunge.reports_tool || interpreter.loaded_tool() != now.loaded_tool() {
         lines.push(format!("M61 Q{}", interpreter.loaded_tool()));
     }
     lines.push(format!("G53 G0 Z{}", decimal(top)));

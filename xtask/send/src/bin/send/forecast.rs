@@ -261,7 +261,7 @@ mod tests {
         let left = [0, 1, 2, 3, 4].map(|answered| forecast.remaining_s(answered, 0.0));
         assert!(left.is_sorted_by(|a, b| a >= b), "{left:?}");
         assert!((left[3] - 1.0).abs() < 0.1 && left[4] == 0.0, "{left:?}");
-        // A line that takes longer than it should leaves what comes behind it.
+        // A line that takes longer than planned does not shorten the lines after it.
         assert!((forecast.remaining_s(2, 3600.0) - 1.0).abs() < 0.1);
     }
 

@@ -42,9 +42,9 @@ pub(crate) fn make_ready(machine: &mut Machine, homes: bool) -> Result<()> {
     }
 }
 
-/// Brings a machine to rest that is still busy with an interrupted job, and resets it there, so that
-/// nothing of that job is left in it.
-pub(crate) fn come_to_rest(machine: &mut Machine) -> Result<()> {
+/// Stops a machine that is still busy with an interrupted job, and resets the machine at standstill. No line of the
+/// job remains in the machine.
+pub(crate) fn wait_for_standstill(machine: &mut Machine) -> Result<()> {
     // The last report may be from before its last lines, or between two of them.
     machine.link.send(&[HOLD])?;
     let start = Instant::now();

@@ -2,13 +2,13 @@
 
 mod approach;
 mod forecast;
-mod job;
 mod machine;
 mod manual_lines;
 mod record;
 mod replay;
 mod resume;
 mod screen;
+mod transmission;
 
 use std::{
     io::Read as _,
@@ -34,15 +34,15 @@ use simulation::{
 
 use approach::Plunge;
 use forecast::Forecast;
-use job::{Job, Phase};
 use record::{Record, RecordFile};
 use resume::{Beginning, Entry};
 use screen::{Keyboard, Screen};
+use transmission::{Phase, Transmission};
 
 /// How often the machine is asked for a report.
 const ASK_EVERY: Duration = Duration::from_millis(200);
 /// How often it is kept how far the job is.
-const KEEP_EVERY: Duration = Duration::from_secs(1);
+const RECORD_PERIOD: Duration = Duration::from_secs(1);
 /// How long a job that is stopped may take to end.
 const STOP: Duration = Duration::from_secs(30);
 
@@ -65,7 +65,7 @@ fn main() -> ExitCode {
 fn run(options: &Options) -> Result<ExitCode> {
     // What is wrong with the program or the record is told before anything is connected.
     let lines = read(&options.file)?;
-    let mut file = RecordFile::beside(&options.file);
+    let mut file = RecordFile::of_program(&options.file);
     let program = record::checksum(&lines);
     let mut kept = options.resume.then(|| file.read(program)).transpose()?;
     let mut stop = interrupt::interruptions()?;
@@ -87,14 +87,14 @@ fn run(options: &Options) -> Result<ExitCode> {
 /// Connects with the machine, which may have to be waited for.
 fn connect(options: &Options, stop: &mut UnixStream) -> Result<Machine> {
     let timeout = Duration::from_secs_f64(options.timeout);
-    let mut is_told = false;
+    let mut is_reported = false;
     loop {
         let address = options.tcp.as_deref();
         let link = Link::open(options.port.as_deref(), options.baud, address, timeout);
         match link.and_then(|link| Machine::connect(link, timeout, Some(stop))) {
             Err(error) if options.wait && !error.is::<Stopped>() => {
-                if !is_told {
-                    is_told = true;
+                if !is_reported {
+                    is_reported = true;
                     ui::status("Waiting", &format!("{error:#} (Ctrl-C ends)"));
                 }
                 let files = [(stop.as_fd(), PollFlags::IN)];
@@ -116,12 +116,12 @@ fn send(
 ) -> Result<ExitCode> {
     let continues = kept.is_some() || options.from.is_some();
     if continues {
-        machine::come_to_rest(&mut machine)?;
+        machine::wait_for_standstill(&mut machine)?;
     }
     machine::make_ready(&mut machine, options.home)?;
     let answers = machine.answers()?;
     let began = kept.map_or(&answers, |record| &record.began);
-    let forecast = look_ahead(options, began, lines, stop)?;
+    let forecast = forecast_of(options, began, lines, stop)?;
     let (approach, first) = if continues {
         let entry = find_entry(options, kept, &answers, lines, stop)?;
         show(&entry);
@@ -132,7 +132,7 @@ fn send(
     };
     // Ctrl-C while the job was tried: it would be held only after its first lines.
     ensure!(!link::is_stopped(stop)?, Stopped);
-    let mut job = Job::new(&approach, lines, first, options.despite_refusals);
+    let mut job = Transmission::new(&approach, lines, first, options.despite_refusals);
     // It has the offset in it, which not every report has.
     job.status.clone_from(&machine.status);
     let mut run = Run {
@@ -171,7 +171,7 @@ fn read(path: &Path) -> Result<Vec<Vec<u8>>> {
 }
 
 /// Runs the job on the virtual machine.
-fn look_ahead(
+fn forecast_of(
     options: &Options,
     began: &MachineAnswers,
     lines: &[Vec<u8>],
@@ -239,7 +239,7 @@ fn find_entry(
     let plunge = Plunge {
         feed_mm_min: options.plunge,
         spin_up_s: options.spin_up as f32,
-        tells_tool: kept.is_some_and(|record| record.measured.is_some()),
+        reports_tool: kept.is_some_and(|record| record.measured.is_some()),
     };
     let entry = resume::entry(
         lines,
@@ -282,7 +282,7 @@ fn is_confirmed(options: &Options, keyboard: &mut Keyboard, stop: &UnixStream) -
 
 /// A job on its way.
 struct Run<'a> {
-    job: Job,
+    job: Transmission,
     machine: Machine,
     keyboard: &'a mut Keyboard,
     screen: Screen,
@@ -310,7 +310,7 @@ impl Run<'_> {
                 answered = (self.job.answered(), Instant::now());
             }
             self.show(answered.1);
-            if kept.is_none_or(|kept| kept.elapsed() >= KEEP_EVERY) {
+            if kept.is_none_or(|kept| kept.elapsed() >= RECORD_PERIOD) {
                 kept = Some(Instant::now());
                 self.keep();
             }
@@ -332,7 +332,7 @@ impl Run<'_> {
 
     fn show(&mut self, since: Instant) {
         for note in self.job.take_notes() {
-            self.screen.say(&note);
+            self.screen.print_line(&note);
         }
         if !self.job.status.report.state.is_empty() {
             let since_s = if self.job.status.report.is_held() {

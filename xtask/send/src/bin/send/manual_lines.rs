@@ -79,7 +79,7 @@ impl ManualLines {
                 self.stage = Stage::Asked(reports + 1);
                 None
             }
-            Stage::On if self.is_resumed && self.unanswered == 0 && is_on_its_way(state) => {
+            Stage::On if self.is_resumed && self.unanswered == 0 && is_unanswered(state) => {
                 self.stage = Stage::Off;
                 self.text = None;
                 None
@@ -94,7 +94,7 @@ impl ManualLines {
         self.unanswered -= 1;
         Some(match response {
             Response::Error(number) => {
-                format!("{line}{}", meaning::behind_comma(meaning::error(number)))
+                format!("{line}{}", meaning::after_comma(meaning::error(number)))
             }
             Response::Ok => line.into(),
         })
@@ -130,7 +130,7 @@ impl ManualLines {
 }
 
 /// Whether a machine in this state goes on with the job.
-fn is_on_its_way(state: &str) -> bool {
+fn is_unanswered(state: &str) -> bool {
     matches!(state, "Run" | "Idle" | "Hold:0")
 }
 
@@ -215,8 +215,8 @@ mod tests {
     fn a_machine_that_is_in_no_change_is_not_waited_for() {
         let (mut manual_lines, mut output) = (ManualLines::default(), Vec::new());
         manual_lines.begin(&mut output);
-        let told = (0..10).filter_map(|_| manual_lines.report("Hold:0"));
-        assert_eq!(told.count(), 1);
+        let notes = (0..10).filter_map(|_| manual_lines.report("Hold:0"));
+        assert_eq!(notes.count(), 1);
         assert!(!manual_lines.is_on());
     }
 }

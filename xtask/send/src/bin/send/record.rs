@@ -1,4 +1,4 @@
-//! What is kept beside a program while it is sent, so that it can be continued.
+//! The record file of a program: an interrupted job is continued from the file.
 
 use std::{
     ffi::OsString,
@@ -20,7 +20,7 @@ pub(crate) struct Record {
     pub(crate) program: u64,
     /// The lines that the machine has answered.
     pub(crate) answered: usize,
-    /// Those before a change of the tool in which the operator has set an offset that a reset takes away.
+    /// The lines before a change of the tool in which the operator has set an offset that a reset clears.
     #[serde(default)]
     pub(crate) measured: Option<usize>,
     /// The machine before the first line.
@@ -30,15 +30,15 @@ pub(crate) struct Record {
 /// The file of a record.
 pub(crate) struct RecordFile {
     path: PathBuf,
-    /// It could not be written, which has been told.
+    /// The file could not be written, which has been reported.
     pub(crate) is_lost: bool,
     /// What it was to hold last: a job has begun, even where nothing can be written.
     pub(crate) last: Option<Record>,
 }
 
 impl RecordFile {
-    /// The file beside a program: `plate.nc.resume`.
-    pub(crate) fn beside(program: &Path) -> Self {
+    /// The record file of a program, in the same folder: `plate.nc.resume`.
+    pub(crate) fn of_program(program: &Path) -> Self {
         let mut path = OsString::from(program);
         path.push(".resume");
         Self {

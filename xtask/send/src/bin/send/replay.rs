@@ -57,7 +57,7 @@ impl Replay {
         let Ok(checked) = self.interpreter.check(text, &self.settings) else {
             return Effect::Refused;
         };
-        let was_beside = self.interpreter.is_beside_path();
+        let was_compensated = self.interpreter.is_beside_path();
         let mut outcome = Outcome::default();
         if checked.changes_tool() && self.settings.tool_change != TOOL_CHANGE_IGNORED {
             let tool = checked.loaded_tool();
@@ -77,7 +77,7 @@ impl Replay {
         while let Some(command) = self.interpreter.next_drilling_command() {
             commands.push(command);
         }
-        if was_beside && checked.ends_program() {
+        if was_compensated && checked.ends_program() {
             return Effect::Lost([true; AXES]);
         }
         if checked.probing().is_some() {

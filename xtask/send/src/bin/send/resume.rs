@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// How far apart the two interpreters stand where a position is unknown.
-const APART: Nm = Nm(17_123_457);
+const DISPLACEMENT: Nm = Nm(17_123_457);
 /// Lines of the job by which the approach is checked, at most.
 const CHECKED: usize = 200;
 /// A stored offset is shown with three decimals: the farthest that one may be off, nm.
@@ -122,10 +122,10 @@ fn last_begin(
     let mut other = one.clone();
     if !beginning.is_placed {
         // An axis that the job does not move at all is where it is now.
-        move_apart(&one, &mut other, [true; AXES]);
+        displace(&one, &mut other, [true; AXES]);
         let moved = moved_axes(lines, other.clone());
         other = one.clone();
-        move_apart(&one, &mut other, moved);
+        displace(&one, &mut other, moved);
     }
     let mut found = None;
     let mut highest = one.interpreter.position()[Z];
@@ -141,7 +141,7 @@ fn last_begin(
         let effect = one.read(line);
         other.read(line);
         if let Effect::Lost(axes) = effect {
-            move_apart(&one, &mut other, axes);
+            displace(&one, &mut other, axes);
         }
     }
     found
@@ -165,10 +165,11 @@ fn moved_axes(lines: &[Vec<u8>], mut replay: Replay) -> [bool; AXES] {
 }
 
 /// Makes the positions of two interpreters differ in some axes.
-fn move_apart(one: &Replay, other: &mut Replay, axes: [bool; AXES]) {
+fn displace(one: &Replay, other: &mut Replay, axes: [bool; AXES]) {
     let position = one.interpreter.position();
-    let apart = |axis: usize| Nm(APART.0 * (1 + i64::from(axis as u8)) * i64::from(axes[axis]));
-    let moved = Axes::from_fn(|axis| position[axis] + apart(axis));
+    let displacement =
+        |axis: usize| Nm(DISPLACEMENT.0 * (1 + i64::from(axis as u8)) * i64::from(axes[axis]));
+    let moved = Axes::from_fn(|axis| position[axis] + displacement(axis));
     other.interpreter.set_position(moved);
 }
 

@@ -21,7 +21,7 @@ use rustix::{
 };
 use simulation::output;
 
-use crate::job::Job;
+use crate::transmission::Transmission;
 
 /// How often the state is printed where nobody can see a bar.
 const PRINT_EVERY: Duration = Duration::from_secs(10);
@@ -134,12 +134,12 @@ impl Screen {
     }
 
     /// Shows a message.
-    pub(crate) fn say(&self, text: &str) {
+    pub(crate) fn print_line(&self, text: &str) {
         self.bar.suspend(|| println!("{text}"));
     }
 
     /// Shows where the job is.
-    pub(crate) fn show(&mut self, job: &Job, remaining_s: Option<f64>) {
+    pub(crate) fn show(&mut self, job: &Transmission, remaining_s: Option<f64>) {
         let state = state(&job.status, job.answered(), self.lines, remaining_s);
         self.bar.set_position(job.answered() as u64);
         let typed = job.manual_lines.text.as_ref();
@@ -191,7 +191,7 @@ fn state(status: &Status, answered: usize, lines: usize, remaining_s: Option<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::job::KEYS;
+    use crate::transmission::KEYS;
 
     #[test]
     fn every_key_is_shown_and_no_other() {

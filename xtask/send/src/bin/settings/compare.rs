@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn what_only_one_side_has_is_told() {
+    fn what_only_one_side_has_is_reported() {
         let comparison = compare(
             &entries("$800=5 $0=10 $1=25"),
             &entries("$0=5 $1=25 $2=0 $3=0 $4=0 $10=1"),

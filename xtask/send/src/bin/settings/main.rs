@@ -67,18 +67,18 @@ fn run(options: &Options) -> Result<ExitCode> {
 /// Writes lines to a file, all of them or nothing.
 fn save(path: &Path, lines: &[String]) -> Result<()> {
     ensure!(!lines.is_empty(), "the machine has listed no settings");
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".new");
-    let beside = PathBuf::from(beside);
+    let mut temporary = path.as_os_str().to_owned();
+    temporary.push(".new");
+    let temporary = PathBuf::from(temporary);
     let text = lines.join("\n") + "\n";
     let write = || {
-        let mut file = File::create(&beside)?;
+        let mut file = File::create(&temporary)?;
         file.write_all(text.as_bytes())?;
         file.sync_all()?;
-        fs::rename(&beside, path)
+        fs::rename(&temporary, path)
     };
     write().with_context(|| {
-        let _ = fs::remove_file(&beside);
+        let _ = fs::remove_file(&temporary);
         format!("cannot write {}", path.display())
     })
 }

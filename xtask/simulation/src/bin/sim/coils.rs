@@ -81,9 +81,12 @@ mod tests {
             table.push(ticks, coils).unwrap();
         }
         let text = String::from_utf8(table.finish().unwrap()).unwrap();
-        let rest = ",0000".repeat(AXES - 1);
+        let zeros = ",0000".repeat(AXES - 1);
         let rows: Vec<_> = text.lines().skip(1).map(str::to_owned).collect();
         assert!(text.starts_with("time_ns,x,y,z"), "{text}");
-        assert_eq!(rows, [format!("0,1100{rest}"), format!("2000,0110{rest}")]);
+        assert_eq!(
+            rows,
+            [format!("0,1100{zeros}"), format!("2000,0110{zeros}")]
+        );
     }
 }

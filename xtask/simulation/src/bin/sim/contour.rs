@@ -77,27 +77,27 @@ impl Stretch {
     }
 }
 
-/// A contour, and the feed moves of the tool beside it.
+/// A contour, and the feed moves of the tool on the offset path.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Contour {
     pub(crate) programmed: Vec<Stretch>,
-    pub(crate) cut: Vec<Stretch>,
+    pub(crate) removed: Vec<Stretch>,
 }
 
 impl Contour {
     /// Adds what a line is programmed to do, and what the tool does in it.
     pub(crate) fn append(&mut self, line: Self) {
         add(&mut self.programmed, line.programmed);
-        add(&mut self.cut, line.cut);
+        add(&mut self.removed, line.removed);
     }
 
     /// Returns the least and the greatest coordinate along an axis of all that is programmed or cut.
     pub(crate) fn extent(&self, axis: usize) -> Option<(f64, f64)> {
         let programmed = self.programmed.iter();
         let programmed = programmed.filter_map(|stretch| stretch.extent(axis, 0.0));
-        let cut = self.cut.iter();
-        let cut = cut.filter_map(|stretch| stretch.extent(axis, stretch.diameter / 2.0));
-        programmed.chain(cut).reduce(either)
+        let removed = self.removed.iter();
+        let removed = removed.filter_map(|stretch| stretch.extent(axis, stretch.diameter / 2.0));
+        programmed.chain(removed).reduce(either)
     }
 }
 

@@ -126,8 +126,8 @@ mod tests {
             ("Y=3mm", "no number"),
             ("Y=inf", "no number"),
         ] {
-            let said = text.parse::<SecondMotor>().unwrap_err();
-            assert!(said.contains(error), "{text}: {said}");
+            let message = text.parse::<SecondMotor>().unwrap_err();
+            assert!(message.contains(error), "{text}: {message}");
         }
     }
 }

@@ -54,8 +54,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         let all = session::replay_file(input, output)?;
         return Ok(ExitCode::from(u8::from(!all)));
     }
-    // What is wrong with what was asked for is told before anything runs: first what is read, then
-    // what is written.
+    // Every file is checked before the program runs: first the inputs, then the outputs.
     let mut set = options.set.clone();
     if options.reprap {
         set.push("$780=1".into());
@@ -109,7 +108,7 @@ fn play(
         power_up::save(path, simulator.flash())?;
     }
     let figures = played?;
-    let took = pace(&figures, start.elapsed().as_secs_f64());
+    let took = speed_text(&figures, start.elapsed().as_secs_f64());
     let name = match options.file.as_deref() {
         Some(path) if path != Path::new("-") => path,
         _ => Path::new("standard input"),
@@ -174,7 +173,7 @@ fn on_target(path: &Path, statements: &[String], options: &Options) -> Result<Ex
 }
 
 /// What a run took.
-fn pace(figures: &Figures, took_s: f64) -> String {
+fn speed_text(figures: &Figures, took_s: f64) -> String {
     let rate = figures.events as f64 / took_s.max(1e-9);
     let rate = separated(rate as u64);
     let times = figures.motion_time_s / took_s.max(1e-9);

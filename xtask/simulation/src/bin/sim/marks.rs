@@ -9,7 +9,7 @@ use leadscrew::{
     units::Nm,
 };
 use simulation::{
-    holes::{Hole, Holes, holes_of_line},
+    drilled_holes::{Hole, Holes, holes_of_line},
     program_reader::ProgramReader,
 };
 
@@ -47,7 +47,7 @@ impl MarkFinder {
 
     /// A line is sent.
     pub(crate) fn line(&mut self, line: &[u8]) {
-        let was_beside = self.reader.interpreter().is_beside_path();
+        let was_compensated = self.reader.interpreter().is_beside_path();
         let from = self.position;
         let commands = self.reader.line(line);
         let holes = match self.reader.interpreter().modal().motion {
@@ -63,8 +63,8 @@ impl MarkFinder {
             contour.programmed.extend(programmed);
         }
         for command in &commands {
-            let cut = self.go(command);
-            contour.cut.extend(cut.filter(|_| was_beside));
+            let removed = self.go(command);
+            contour.removed.extend(removed.filter(|_| was_compensated));
         }
         self.pending.push_back((holes, contour));
     }
@@ -85,8 +85,8 @@ impl MarkFinder {
         };
         let from = std::mem::replace(&mut self.position, to);
         let is_feed = *feed_rate != FeedRate::Rapid;
-        let way = Stretch::of(&self.cutter, &from, &to, circle);
-        way.filter(|_| is_feed)
+        let stretch = Stretch::of(&self.cutter, &from, &to, circle);
+        stretch.filter(|_| is_feed)
     }
 
     /// The oldest line that has no answer gets it.
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn the_contour_and_the_way_beside_it_are_found() {
+    fn the_contour_and_its_offset_path_are_found() {
         let lines = [
             "F100",
             "G41.1 D4",
@@ -157,12 +157,12 @@ mod tests {
         // A full circle of 5 mm, and the tool outside of it.
         let (least, greatest) = contour.extent(1).unwrap();
         assert!((least + 2.0).abs() < 0.01 && (greatest - 19.0).abs() < 0.01);
-        let [cut] = &contour.cut[..] else {
+        let [removed] = &contour.removed[..] else {
             panic!("{contour:?}")
         };
-        assert_eq!(cut.diameter, 4.0);
+        assert_eq!(removed.diameter, 4.0);
         // From the entry to the exit, but no farther.
-        assert_eq!(cut.points.first(), Some(&[0.0, 0.0, 0.0]));
-        assert_eq!(cut.points.last(), Some(&[0.0, 10.0, 0.0]));
+        assert_eq!(removed.points.first(), Some(&[0.0, 0.0, 0.0]));
+        assert_eq!(removed.points.last(), Some(&[0.0, 10.0, 0.0]));
     }
 }

@@ -80,14 +80,14 @@ pub(crate) fn draw(picture: &Picture) -> Result<String> {
 /// Draws strips below each other, as high as there is room for.
 fn draw_strips(area: &Area, motion: &Motion, strips: &[Strip], room: f64) -> Drawn<()> {
     let wanted: i32 = strips.iter().map(|strip| strip.height).sum();
-    let mut rest = area.clone();
+    let mut remainder = area.clone();
     for (index, strip) in strips.iter().enumerate() {
         let height = f64::from(strip.height) * room / f64::from(wanted.max(1));
         let is_last = index + 1 == strips.len();
         let height = height as i32 + if is_last { strip::TIMES } else { 0 };
-        let (above, below) = rest.split_vertically(height * PX);
+        let (above, below) = remainder.split_vertically(height * PX);
         strip.draw(&above, motion.duration_s.max(0.001), is_last)?;
-        rest = below;
+        remainder = below;
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! The machine as it is switched on: what it has stored, and what is wired to it.
+//! The machine at power-up: stored records and wiring.
 
 use std::{
     fs,
@@ -46,7 +46,7 @@ impl PowerUp<'_> {
         Ok(simulator)
     }
 
-    /// A machine with what its file has stored, and the settings that are given, which it stores too.
+    /// A machine with the records of its file and with the settings of the command line, which are stored, too.
     fn stored(&self, path: &Path) -> Result<Box<Simulator>> {
         let flash =
             read(path).with_context(|| format!("cannot use {} as a flash", path.display()))?;
@@ -55,8 +55,8 @@ impl PowerUp<'_> {
             // What it says at power-up comes first.
             play::ask(&mut simulator, b"");
             for statement in &self.loaded.statements {
-                let said = play::ask(&mut simulator, format!("${statement}\n").as_bytes());
-                if let Some(error) = said.iter().find(|line| line.starts_with("error:")) {
+                let answer = play::ask(&mut simulator, format!("${statement}\n").as_bytes());
+                if let Some(error) = answer.iter().find(|line| line.starts_with("error:")) {
                     bail!("the machine refuses ${statement} beside what it has stored: {error}");
                 }
             }
@@ -74,9 +74,9 @@ impl PowerUp<'_> {
         }
         play::ask(&mut simulator, b"");
         for Tool { line, statement } in self.tools {
-            let said = play::ask(&mut simulator, format!("${statement}\n").as_bytes());
+            let answer = play::ask(&mut simulator, format!("${statement}\n").as_bytes());
             let mut errors = LineError::ALL.iter();
-            if let Some(error) = errors.find(|error| said.contains(&error.to_string())) {
+            if let Some(error) = errors.find(|error| answer.contains(&error.to_string())) {
                 let reason = error.text();
                 bail!("the machine refuses line {line} of the tool table, ${statement}: {reason}");
             }
@@ -85,8 +85,7 @@ impl PowerUp<'_> {
     }
 }
 
-/// A machine that is switched on with what its flash has: in a function of its own, as a machine is too
-/// large for many of them on one stack.
+/// Powers up a machine with a flash. The function is separate because several machines do not fit on one stack.
 fn power_up(flash: Flash) -> Box<Simulator> {
     Box::new(Simulator::power_up(flash, proven::committed()))
 }

@@ -68,11 +68,11 @@ pub(crate) struct Smoothness {
 pub(crate) struct AxisQuality {
     /// Its letter; of a motor of `CoreXY`, `motor` and the letter of its outputs.
     pub(crate) axis: String,
-    /// How far step times are from those of a smooth motion.
+    /// Errors of the step times against a smooth motion.
     pub(crate) interval_error: IntervalError,
     #[serde(flatten)]
     pub(crate) smoothness: Smoothness,
-    /// Its limits; that of the jerk where there is a setting for it and it is not 0.
+    /// The limits of the axis; the jerk limit where a setting other than 0 exists.
     pub(crate) acceleration_limit_mm_s2: f64,
     pub(crate) jerk_limit_mm_s3: Option<f64>,
 }
@@ -103,11 +103,11 @@ pub(crate) struct Quality {
     pub(crate) corners: Corners,
     /// At the programmed feed.
     pub(crate) feed: FeedTime,
-    /// The limits that were exceeded by more than the measurement may be wrong: those of moves, and of the
-    /// jumps of the speed in corners what the junction deviation allows.
+    /// The limits that were exceeded by more than the error of the measurement: limits of moves, and for corners the
+    /// jump of the speed that the junction deviation allows.
     pub(crate) violations: Vec<String>,
-    /// Whether all of the path was known: not behind homing, probing, or a line that the machine
-    /// refused for its own reasons. What is said of the path counts up to there.
+    /// Whether the whole path was known. After homing, probing, or a line that only the machine refused, the path is
+    /// unknown; the measurements of the path end there.
     pub(crate) is_path_known: bool,
 }
 
@@ -132,8 +132,8 @@ pub(crate) fn jerk_limits(settings: &Settings) -> [Option<f64>; AXES] {
     limits.map(|limit| (limit > 0.0).then_some(f64::from(limit)))
 }
 
-/// What an acceleration makes within one step from rest, at most over the axes, mm/s: speeds that are
-/// passed for an instant only are known no better.
+/// The greatest speed that an acceleration from standstill reaches within one step of an axis, mm/s. It bounds the
+/// resolution of speeds that last for an instant only.
 fn resolved_mm_s(accelerations: &Point, steps_per_mm: &Point) -> f64 {
     let axes = accelerations.iter().zip(steps_per_mm);
     let speeds = axes.map(|(acceleration, scale)| (2.0 * acceleration / scale).sqrt());
@@ -174,8 +174,8 @@ pub(crate) struct Meter {
     steps: [i32; AXES],
     first_ticks: Option<u64>,
     last_ticks: u64,
-    /// The newest edge that steps, and whether other axes do something nearby: it is taken when the
-    /// one after it is known.
+    /// The newest edge that steps, and whether other axes move nearby. An edge is measured when the next edge is
+    /// known.
     held: Option<(Edge, bool)>,
     /// When a pulse of each axis began or ended last, ticks.
     active: [Option<u64>; AXES],
@@ -276,19 +276,19 @@ impl Meter {
             for passed in followed.passed {
                 self.pass(passed, seconds);
             }
-            if followed.is_beside {
-                self.path.cut();
-                self.corners.cut();
+            if followed.is_off_path {
+                self.path.interrupt();
+                self.corners.interrupt();
             } else if let Some(progress) = followed.progress {
                 self.progress(&progress, seconds, grain_s);
             }
             for axis in (0..AXES).filter(|axis| signs[*axis] != 0) {
                 let step = (axis, signs[axis]);
-                self.path.step(step, seconds, followed.ways[axis]);
+                self.path.step(step, seconds, followed.distances_mm[axis]);
             }
         } else {
-            self.path.cut();
-            self.corners.cut();
+            self.path.interrupt();
+            self.corners.interrupt();
         }
         let here = array::from_fn(|n| f64::from(self.steps[n]) / self.motor_scales.steps_per_mm[n]);
         self.corners.place(seconds, here);
@@ -332,7 +332,7 @@ impl Meter {
             }
         }
         if passed.corner.is_stop || passed.corner.is_regeared {
-            self.path.cut();
+            self.path.interrupt();
         }
         self.corners.pass(passed, seconds);
     }
@@ -344,7 +344,7 @@ impl Meter {
         self.path_mm = progress.mm;
         // Two axes say it differently where the steps are a little beside the path.
         if self.path_axis.replace(progress.axis) != Some(progress.axis) {
-            self.path.cut();
+            self.path.interrupt();
         }
         let crossing = Crossing {
             seconds,

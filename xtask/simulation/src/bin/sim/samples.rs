@@ -221,7 +221,7 @@ impl Samples {
         }
     }
 
-    /// Takes a sample, and measures the one in the middle of the window that ends with it.
+    /// Takes a sample, and measures the middle sample of the window that the sample ends.
     fn take(&mut self, sample: Sample) {
         self.window.push_back(sample);
         if self.window.len() <= 2 * REACH {
@@ -285,8 +285,8 @@ impl Samples {
             .min(self.end_ns + 20_000_000)
             + SPACING_NS;
         for column in &mut self.columns {
-            let rest = (column.stepped + column.ramp()).min(end);
-            column.line_to(rest, column.steps.into());
+            let standstill = (column.stepped + column.ramp()).min(end);
+            column.line_to(standstill, column.steps.into());
             column.line_to(end, column.steps.into());
         }
         let newest = self.moves.back().copied().unwrap_or_default();
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_beside_a_faster_one_keeps_its_slow_speed() {
+    fn an_axis_that_moves_with_a_faster_one_keeps_its_slow_speed() {
         let mut samples = samples(1.0);
         let mut steps = [0; AXES];
         for event in 1..20_000_u64 {
@@ -445,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn rapids_and_power_are_told_apart() {
+    fn rapids_and_power_are_distinguished() {
         let mut samples = samples(1.0);
         for step in 0..200_u64 {
             samples.push(&Row {

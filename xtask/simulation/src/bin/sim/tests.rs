@@ -140,7 +140,7 @@ fn a_program_that_homes_probes_and_sets_runs_amid_switches() {
 }
 
 #[test]
-fn homing_squares_a_skewed_gantry_and_both_sides_are_told() {
+fn homing_squares_a_skewed_gantry_and_both_sides_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let homes = [
         "--switches",
@@ -197,8 +197,8 @@ fn a_second_motor_that_cannot_be_is_refused() {
     ] {
         let line = [&["sim", program.as_str(), "--switches"], more].concat();
         let options = Options::try_parse_from(line).unwrap();
-        let said = run(&options).unwrap_err().to_string();
-        assert!(said.contains(error), "{said}");
+        let message = run(&options).unwrap_err().to_string();
+        assert!(message.contains(error), "{message}");
     }
     assert!(Options::try_parse_from(["sim", &program, "--second", "Y"]).is_err());
     let served = ["sim", "--pty", "tty", "--switches", "--second", "Y"];
@@ -226,8 +226,8 @@ fn a_flash_keeps_what_is_set_and_what_a_program_stores() {
     let folder = tempfile::tempdir().unwrap();
     let flash = folder.path().join("chip").display().to_string();
     let flash = ["--flash", flash.as_str(), "--switches"];
-    let given = [&flash[..], &["--set", "$100=80"]].concat();
-    let set = figures(folder.path(), "G10 L2 P1 X5\nG1 X0 F600\n", &given);
+    let arguments = [&flash[..], &["--set", "$100=80"]].concat();
+    let set = figures(folder.path(), "G10 L2 P1 X5\nG1 X0 F600\n", &arguments);
     assert_eq!(set["final"]["steps"][0], 5 * 80);
     let kept = figures(folder.path(), "G1 X1 F600\n", &flash);
     assert_eq!(kept["final"]["steps"][0], 6 * 80);
@@ -244,7 +244,7 @@ fn a_flash_keeps_what_is_set_and_what_a_program_stores() {
 }
 
 #[test]
-fn positions_are_told_in_the_settings_of_the_end() {
+fn positions_are_reported_in_the_settings_of_the_end() {
     let folder = tempfile::tempdir().unwrap();
     let changed = figures(folder.path(), "$100=80\nG1 X2 F600\n", &[]);
     assert_eq!(changed["final"]["mpos_mm"][0], 2.0);

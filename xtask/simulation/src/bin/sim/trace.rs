@@ -96,11 +96,11 @@ fn decimal(text: &mut Vec<u8>, number: i128) {
         text.push(b'-');
     }
     let start = text.len();
-    let mut rest = number.unsigned_abs() as u64;
+    let mut remainder = number.unsigned_abs() as u64;
     loop {
-        text.push(b'0' + (rest % 10) as u8);
-        rest /= 10;
-        if rest == 0 {
+        text.push(b'0' + (remainder % 10) as u8);
+        remainder /= 10;
+        if remainder == 0 {
             break;
         }
     }
@@ -134,9 +134,9 @@ mod tests {
         table.push(&row(0, 1)).unwrap();
         table.push(&row(12_345, -2)).unwrap();
         let text = String::from_utf8(table.finish().unwrap()).unwrap();
-        let rest = ",0".repeat(AXES - 1);
+        let remainder = ",0".repeat(AXES - 1);
         let (_, rows) = text.split_once('\n').unwrap();
         assert!(text.starts_with("time_ns,x,y,z"));
-        assert_eq!(rows, format!("0,1{rest}\n12345,-2{rest}\n"));
+        assert_eq!(rows, format!("0,1{remainder}\n12345,-2{remainder}\n"));
     }
 }

@@ -24,7 +24,7 @@ impl Drop for File {
 }
 
 /// An error as the user reads it.
-fn told(error: &Error) -> String {
+fn report(error: &Error) -> String {
     format!("{error:#}")
 }
 
@@ -62,23 +62,23 @@ fn a_refused_assignment_says_why_and_changes_nothing() {
 }
 
 #[test]
-fn every_refused_line_is_told() {
+fn every_refused_line_is_reported() {
     let text = "; mine\n$0=10\r\n\n$110=0,5\nok?\n$20=1\n$14=7\n";
     let file = File::new("refused.settings", text);
     let error = load(Some(&file.0), &["$100=0".into()]).unwrap_err();
-    let told = told(&error);
+    let report = report(&error);
     assert!(
-        told.contains(": 4 lines are refused: line 4: $110=0,5: "),
-        "{told}"
+        report.contains(": 4 lines are refused: line 4: $110=0,5: "),
+        "{report}"
     );
     for part in [
         "\nline 5: \"ok?\" is no setting",
         "\nline 6: $20=1: ",
         "\n$100=0: ",
     ] {
-        assert!(told.contains(part), "{told}");
+        assert!(report.contains(part), "{report}");
     }
-    assert!(!told.contains("$14"), "{told}");
+    assert!(!report.contains("$14"), "{report}");
 }
 
 #[test]

@@ -17,10 +17,10 @@ use super::{
 };
 use crate::forecast::Forecast;
 
-#[path = "../../../../tests/support/cut.rs"]
-mod cut;
+#[path = "../../../../tests/support/machined.rs"]
+mod machined;
 
-use cut::CutPath;
+use machined::MachinedPath;
 
 /// Two tools, the second of which goes deeper within the contour of the first one, drills, and is compensated.
 /// Behind a dwell it is known that everything before has been done.
@@ -94,13 +94,13 @@ fn settings() -> Settings {
 }
 
 /// Where the steps lead, and what is answered.
-struct Way {
+struct ToolPath {
     places: Vec<[i32; 3]>,
     answered: usize,
     changes: u32,
 }
 
-impl Way {
+impl ToolPath {
     fn new() -> Self {
         Self {
             places: vec![[0; 3]],
@@ -121,7 +121,7 @@ impl Way {
     }
 }
 
-impl Watcher for Way {
+impl Watcher for ToolPath {
     fn edge(&mut self, _: &Edge) {}
 
     fn change(&mut self, simulator: &Simulator) {
@@ -144,13 +144,18 @@ impl Watcher for Way {
 }
 
 /// Streams a program for at most so many changes of the machine.
-fn stream(simulator: &mut Simulator, text: &str, way: &mut Way, changes: u32) -> Option<StreamEnd> {
+fn stream(
+    simulator: &mut Simulator,
+    text: &str,
+    tool_path: &mut ToolPath,
+    changes: u32,
+) -> Option<StreamEnd> {
     let mut stream = Stream::new(simulator, text.bytes(), UNLIMITED_BAUD).with_statements_at_rest();
-    stream.pump(way, changes)
+    stream.pump(tool_path, changes)
 }
 
 #[test]
-fn whenever_the_cable_is_pulled_out_a_job_that_is_continued_cuts_what_it_would_have_cut() {
+fn whenever_the_cable_is_pulled_out_a_continued_job_removes_the_same_material() {
     let settings = settings();
     let mut simulator = Box::new(Simulator::new(&settings));
     let answers = MachineAnswers {
@@ -164,18 +169,18 @@ fn whenever_the_cable_is_pulled_out_a_job_that_is_continued_cuts_what_it_would_h
         interpreter: simulator.session().interpreter().clone(),
         is_placed: true,
     };
-    let mut way = Way::new();
-    let end = stream(&mut simulator, JOB, &mut way, u32::MAX);
+    let mut tool_path = ToolPath::new();
+    let end = stream(&mut simulator, JOB, &mut tool_path, u32::MAX);
     assert_eq!(end, Some(StreamEnd::Complete));
-    let undisturbed = CutPath::of(&way.places, SURFACE);
-    let last = way.places.last().copied();
+    let undisturbed = MachinedPath::of(&tool_path.places, SURFACE);
+    let last = tool_path.places.last().copied();
     assert!(undisturbed.len() > 1000, "{}", undisturbed.len());
 
     let (mut begun, mut held_below) = (std::collections::BTreeSet::new(), 0);
     for (moment, coast) in (0..MOMENTS).zip(HOLD_DELAYS.into_iter().cycle()) {
         let mut simulator = Box::new(Simulator::new(&settings));
-        let mut done = Way::new();
-        let pulled = u64::from(way.changes) * u64::from(moment) / u64::from(MOMENTS);
+        let mut done = ToolPath::new();
+        let pulled = u64::from(tool_path.changes) * u64::from(moment) / u64::from(MOMENTS);
         stream(&mut simulator, JOB, &mut done, pulled as u32);
         done.go_on(&mut simulator, coast);
         play::ask(&mut simulator, b"!");
@@ -203,8 +208,8 @@ fn whenever_the_cable_is_pulled_out_a_job_that_is_continued_cuts_what_it_would_h
         let end = stream(&mut simulator, &text, &mut done, u32::MAX);
         assert_eq!(end, Some(StreamEnd::Complete), "held at {held:?}");
 
-        let cut = CutPath::of(&done.places, SURFACE);
-        let (missing, beyond) = (undisturbed.beyond(&cut), cut.beyond(&undisturbed));
+        let machined = MachinedPath::of(&done.places, SURFACE);
+        let (missing, beyond) = (undisturbed.beyond(&machined), machined.beyond(&undisturbed));
         assert!(
             missing.is_empty() && beyond.is_empty() && done.places.last().copied() == last,
             "held at {held:?}, continued at line {} with {:?}: {missing:?} were not cut, {beyond:?} should not be",

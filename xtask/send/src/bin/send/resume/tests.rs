@@ -12,7 +12,7 @@ use simulation::machine_answers::UNLIMITED_BAUD;
 pub(super) const DESCENT: Plunge = Plunge {
     feed_mm_min: 150.0,
     spin_up_s: 2.0,
-    tells_tool: false,
+    reports_tool: false,
 };
 
 pub(super) fn lines(text: &str) -> Vec<Vec<u8>> {
@@ -58,7 +58,7 @@ fn a_job_is_never_continued_within_a_contour_or_a_cycle_but_at_the_line_that_ent
 }
 
 #[test]
-fn z_is_up_before_the_other_axes_move_and_down_at_feed_behind_the_spindle() {
+fn z_is_up_before_the_other_axes_move_and_down_at_feed_after_the_spindle() {
     let job = "G0 Z8\nM3 S900 M8\nG0 X3 Y4\nG1 Z-2 F500\nG1 X9\nG1 Y9";
     let entry = entry_of(job, 6).unwrap();
     let travel = with_rotary("G0 X9 Y4");
@@ -137,13 +137,13 @@ fn an_axis_that_the_job_never_moves_is_where_it_is() {
 }
 
 #[test]
-fn behind_a_probing_move_a_job_is_continued_only_where_nothing_depends_on_it() {
+fn after_a_probing_move_a_job_is_continued_only_where_nothing_depends_on_it() {
     let job = "G0 X1\nG38.2 Z-5 F50\nG0 Z5\nG0 X2 Y2\nG0 X3";
     assert_eq!([2, 3, 4, 5].map(|line| first(job, line)), [2, 2, 4, 5]);
-    // Axes that it does not move are where they were, and those that it does are lost.
-    let beside = "G0 X1\nG38.2 Y5 F50\nG0 Z5\nG0 Z6\nG0 X2\nG0 Y0\nG0 X3";
+    // Axes without a word keep their position; the position of moved axes is lost.
+    let unchanged_axes = "G0 X1\nG38.2 Y5 F50\nG0 Z5\nG0 Z6\nG0 X2\nG0 Y0\nG0 X3";
     assert_eq!(
-        [3, 4, 5, 6, 7].map(|line| first(beside, line)),
+        [3, 4, 5, 6, 7].map(|line| first(unchanged_axes, line)),
         [2, 2, 2, 2, 7]
     );
     let offset = "G0 X1\nG38.2 Z-5 F50\nG92 Z0\nG0 X0 Y0 Z5\nG0 X3";
@@ -166,7 +166,7 @@ fn the_tool_and_the_offsets_of_the_line_are_put_into_effect() {
 }
 
 #[test]
-fn behind_a_change_of_the_tool_the_spindle_is_off_unless_the_machine_ignores_it() {
+fn after_a_change_of_the_tool_the_spindle_is_off_unless_the_machine_ignores_it() {
     let job = "M3 S500\nG0 X1 Y1 Z1\nT2 M6\nG0 X2";
     assert!(entry_of(job, 4).unwrap().modes.contains(" M5 "));
     let settings = Settings {
@@ -178,7 +178,7 @@ fn behind_a_change_of_the_tool_the_spindle_is_off_unless_the_machine_ignores_it(
 }
 
 #[test]
-fn an_origin_that_the_machine_does_not_have_is_told() {
+fn an_origin_that_the_machine_does_not_have_is_reported() {
     let error = entry_of("G10 L2 P1 X5\nG0 X1\nG0 Y1", 3).map(|entry| entry.line);
     // Nothing but the line that sets it can begin.
     assert_eq!(error.unwrap(), 0);

@@ -6,13 +6,13 @@ use std::collections::HashSet;
 use leadscrew::model::Plane;
 use plotters::prelude::*;
 use simulation::chart::{Area, Chart, Drawn, PX, font, stroke};
-use simulation::holes::{Hole, Holes};
+use simulation::drilled_holes::{Hole, Holes};
 
 use crate::{contour::Stretch, marks::Marks};
 
 /// Colour of the marks, and of what is cut under compensation.
 const MARK: RGBColor = RGBColor(176, 40, 110);
-const CUT_COLOUR: RGBColor = RGBColor(234, 238, 243);
+const REMOVED_COLOUR: RGBColor = RGBColor(234, 238, 243);
 /// Radius of a ring, and half the width of the bars at a hole's ends, pixels.
 const RING: i32 = 7;
 const HOLE_BAR_PX: f64 = 6.0;
@@ -23,7 +23,7 @@ const CYCLES_PER_LINE: usize = 5;
 pub(super) enum Key {
     Hole,
     Contour,
-    Cut,
+    Removed,
 }
 
 impl Key {
@@ -40,7 +40,10 @@ impl Key {
                 ))?;
             }
             Self::Contour => area.draw(&PathElement::new(line, MARK.stroke_width(stroke(1))))?,
-            Self::Cut => area.draw(&PathElement::new(line, CUT_COLOUR.stroke_width(stroke(10))))?,
+            Self::Removed => area.draw(&PathElement::new(
+                line,
+                REMOVED_COLOUR.stroke_width(stroke(10)),
+            ))?,
         }
         Ok(())
     }
@@ -58,25 +61,30 @@ pub(super) fn legend(marks: &Marks) -> Vec<(Key, String)> {
         .collect();
     if !marks.contour.programmed.is_empty() {
         legend.push((Key::Contour, "programmed contour (G41, G42)".into()));
-        let mut diameters: Vec<_> = marks.contour.cut.iter().map(|cut| cut.diameter).collect();
+        let mut diameters: Vec<_> = marks
+            .contour
+            .removed
+            .iter()
+            .map(|removed| removed.diameter)
+            .collect();
         diameters.dedup();
         let names: Vec<_> = diameters.iter().take(4).map(ToString::to_string).collect();
         let text = format!("cut there by a tool of {} mm", names.join(", "));
-        legend.push((Key::Cut, text));
+        legend.push((Key::Removed, text));
     }
     legend
 }
 
 /// Draws what lies below the path: what is cut under compensation, as wide as the tool.
-pub(super) fn draw_cut(chart: &mut Chart, marks: &Marks, axes: [usize; 2]) -> Drawn<()> {
+pub(super) fn draw_removed(chart: &mut Chart, marks: &Marks, axes: [usize; 2]) -> Drawn<()> {
     let (width, _) = chart.plotting_area().dim_in_pixel();
     let range = chart.x_range();
     let units_per_mm = f64::from(width) / (range.end - range.start);
-    for cut in in_plane(&marks.contour.cut, axes) {
-        let width = (cut.diameter * units_per_mm).round() as u32;
+    for removed in in_plane(&marks.contour.removed, axes) {
+        let width = (removed.diameter * units_per_mm).round() as u32;
         chart.draw_series([PathElement::new(
-            places(cut, axes),
-            CUT_COLOUR.stroke_width(width),
+            places(removed, axes),
+            REMOVED_COLOUR.stroke_width(width),
         )])?;
     }
     Ok(())
@@ -92,11 +100,11 @@ pub(super) fn draw(chart: &mut Chart, marks: &Marks, axes: [usize; 2], pixel: f6
 }
 
 fn in_plane(all: &[Stretch], [first, second]: [usize; 2]) -> impl Iterator<Item = &Stretch> {
-    let is_seen = move |plane: Plane| {
+    let is_visible = move |plane: Plane| {
         let (one, other, _) = plane.axes();
         [one.min(other), one.max(other)] == [first, second]
     };
-    all.iter().filter(move |stretch| is_seen(stretch.plane))
+    all.iter().filter(move |stretch| is_visible(stretch.plane))
 }
 
 fn places(stretch: &Stretch, [first, second]: [usize; 2]) -> Vec<(f64, f64)> {

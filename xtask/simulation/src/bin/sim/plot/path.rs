@@ -42,7 +42,7 @@ const LEGEND: i32 = 92;
 const ROW: i32 = 18;
 /// Arrows along the path, at most, and the way between two at least, pixels.
 const ARROWS: f64 = 24.0;
-const ARROW_WAY: f64 = 90.0;
+const ARROW_SPACING_PX: f64 = 90.0;
 
 /// What colours the feed moves of a path.
 pub(super) struct Colouring {
@@ -138,8 +138,8 @@ pub(super) fn draw(
             .max(length(&y) / up)
             .max(length(&z) / front)
             * room;
-        let cut = up as i32 + LABELS_BELOW + MARGIN;
-        let (above, below) = area.split_vertically(cut * PX);
+        let height = up as i32 + LABELS_BELOW + MARGIN;
+        let (above, below) = area.split_vertically(height * PX);
         let x = widened(&x, across * mm_per_pixel);
         let y = widened(&y, up * mm_per_pixel);
         let z = widened(&z, front * mm_per_pixel);
@@ -166,7 +166,7 @@ fn draw_plane(
     let pixel = (across.end - across.start) / f64::from(PATH_WIDTH);
     let labels = [first, second].map(|axis| format!("{}, mm", char::from(LETTERS[axis])));
     let mut chart = chart(area, across, up, &labels)?;
-    marks::draw_cut(&mut chart, marks, [first, second])?;
+    marks::draw_removed(&mut chart, marks, [first, second])?;
     let place = |point: &Point| (point.at[first], point.at[second]);
     let mut strokes = Vec::new();
     let mut start = 0;
@@ -217,7 +217,8 @@ fn cells(points: &[(f64, f64)], pixel: f64) -> impl Iterator<Item = (i32, i32)> 
         let count = (dx.hypot(dy) / pixel).ceil().max(1.0);
         (0..=count as u32).map(move |part| {
             let share = f64::from(part) / count;
-            let place = |from: f64, way: f64| ((from + way * share) / pixel).floor() as i32;
+            let place =
+                |from: f64, length_px: f64| ((from + length_px * share) / pixel).floor() as i32;
             (place(pair[0].0, dx), place(pair[0].1, dy))
         })
     })
@@ -225,24 +226,27 @@ fn cells(points: &[(f64, f64)], pixel: f64) -> impl Iterator<Item = (i32, i32)> 
 
 /// Arrows along the feed moves, all over the path but not at the same places of passes that repeat.
 fn draw_arrows(chart: &mut Chart, points: &[(f64, f64)], feeds: &[bool], pixel: f64) -> Drawn<()> {
-    let ways = || {
+    let spans = || {
         let pairs = points.windows(2).zip(&feeds[feeds.len().min(1)..]);
         let pairs = pairs.filter(|(_, is_feed)| **is_feed);
         pairs.map(|(pair, _)| (pair[1], (pair[1].0 - pair[0].0, pair[1].1 - pair[0].1)))
     };
-    let length: f64 = ways().map(|(_, (x, y))| x.hypot(y)).sum();
-    let spacing = (length / ARROWS).max(ARROW_WAY * pixel);
+    let length: f64 = spans().map(|(_, (x, y))| x.hypot(y)).sum();
+    let spacing = (length / ARROWS).max(ARROW_SPACING_PX * pixel);
     let mut next = spacing / 2.0;
     let mut uneven = 0.0_f64;
-    for ((x, y), (dx, dy)) in ways() {
-        let way = dx.hypot(dy);
-        next -= way;
-        if next > 0.0 || way == 0.0 {
+    for ((x, y), (dx, dy)) in spans() {
+        let length_px = dx.hypot(dy);
+        next -= length_px;
+        if next > 0.0 || length_px == 0.0 {
             continue;
         }
         uneven = (uneven + 0.618).fract();
         next += spacing * (0.5 + uneven);
-        let (ahead, aside) = ((dx / way, dy / way), (-dy / way, dx / way));
+        let (ahead, aside) = (
+            (dx / length_px, dy / length_px),
+            (-dy / length_px, dx / length_px),
+        );
         let corner = |along: f64, across: f64| {
             let (along, across) = (along * pixel, across * pixel);
             (
@@ -272,9 +276,9 @@ fn draw_ends(chart: &mut Chart, points: &[(f64, f64)], pixel: f64) -> Drawn<()> 
     chart.draw_series([Circle::new(*start, radius, INK.filled())])?;
     chart.draw_series([Circle::new(*end, 2 * radius, style)])?;
     for (at, text) in [(start, begins), (end, ends)] {
-        let beside = (at.0 + 13.0 * pixel, at.1 + 19.0 * pixel);
+        let label_at = (at.0 + 13.0 * pixel, at.1 + 19.0 * pixel);
         let style = font(13).color(&INK);
-        chart.draw_series([Text::new(text.to_owned(), beside, style)])?;
+        chart.draw_series([Text::new(text.to_owned(), label_at, style)])?;
     }
     Ok(())
 }

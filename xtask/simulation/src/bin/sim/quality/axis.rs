@@ -1,4 +1,4 @@
-//! What is measured of one axis, or of the way along the path.
+//! Measurements of one axis, or of the distance along the path.
 
 use leadscrew::axis::AXES;
 
@@ -6,21 +6,23 @@ use super::{
     Smoothness,
     fit::Crossing,
     intervals::{IntervalError, Intervals},
-    sweep::{Measured, Sought, Sweep},
+    sweep::{Measurand, Measured, Sweep},
 };
 use crate::series::Series;
 
-/// A gap this many times longer than the one beside it is a standstill. The longest in a motion of
-/// constant acceleration is 2/(√2 - 1) = 4.83 times as long: where the axis turns just before the
-/// next step.
+/// Ratio of a gap to its neighbour from which the gap is a standstill.
+///
+/// The maximum in a motion of constant acceleration is 2/(√2 - 1) = 4.83, where the axis reverses
+/// just before the next step.
 const STANDSTILL: f64 = 5.5;
-/// Shorter gaps are none, s.
+/// Minimum duration of a standstill, s.
 const SHORT_S: f64 = 0.001;
 
-/// The crossings of one axis, and what is measured on them.
+/// The crossings of one axis and their measurements.
 pub(super) struct Track {
-    /// Of an axis: the newest crossing, which may already be behind a corner, or the first behind one,
-    /// which may be before it: a path that is rounded to steps does not say it to a step.
+    /// The newest crossing of an axis, or the first crossing after a corner.
+    ///
+    /// The side of the corner is uncertain by one step: the path is rounded to steps.
     held: Option<Crossing>,
     is_first: bool,
     is_axis: bool,
@@ -32,7 +34,7 @@ pub(super) struct Track {
     acceleration: Sweep,
     jerk: Sweep,
     jump: Sweep,
-    /// Of the path: how the steps of all axes fit its speed.
+    /// The deviations of the steps of all axes from the speed of the path.
     intervals: Option<Intervals>,
     accelerations: Series,
     jerks: Series,
@@ -50,7 +52,7 @@ impl Track {
     }
 
     fn new(scale: f64, intervals: Option<Intervals>) -> Self {
-        let sweep = |sought| Sweep::new(sought, scale);
+        let sweep = |measurand| Sweep::new(measurand, scale);
         Self {
             held: None,
             is_first: false,
@@ -58,10 +60,10 @@ impl Track {
             last: None,
             gap_s: None,
             has_moved: false,
-            speed: sweep(Sought::Speed),
-            acceleration: sweep(Sought::Acceleration),
-            jerk: sweep(Sought::Jerk),
-            jump: sweep(Sought::Jump),
+            speed: sweep(Measurand::Speed),
+            acceleration: sweep(Measurand::Acceleration),
+            jerk: sweep(Measurand::Jerk),
+            jump: sweep(Measurand::Jump),
             intervals,
             accelerations: Series::default(),
             jerks: Series::default(),
@@ -72,8 +74,8 @@ impl Track {
         self.has_moved
     }
 
-    /// What comes after has nothing to do with what came before.
-    pub(super) fn cut(&mut self) {
+    /// Separates the following motion from the motion so far.
+    pub(super) fn interrupt(&mut self) {
         self.last = None;
         self.gap_s = None;
         for sweep in [
@@ -82,28 +84,28 @@ impl Track {
             &mut self.jerk,
             &mut self.jump,
         ] {
-            sweep.cut();
+            sweep.interrupt();
         }
         if let Some(intervals) = &mut self.intervals {
-            intervals.cut();
+            intervals.interrupt();
         }
     }
 
-    /// The path turns: as [`Self::cut`], and the crossings on both sides of the corner are left out.
+    /// Separates the motion at a corner, as [`Self::interrupt`], without the crossings on both sides of the corner.
     pub(super) fn turn(&mut self) {
-        self.cut();
+        self.interrupt();
         self.held = None;
         self.is_first = true;
     }
 
-    /// The axis changes its speed in a corner that is judged as one, mm/s.
+    /// Allows the jump of the speed of the axis in a corner, mm/s.
     pub(super) fn allow(&mut self, seconds: f64, jump_mm_s: f64) {
         for sweep in [&mut self.acceleration, &mut self.jerk, &mut self.jump] {
             sweep.allow(seconds, jump_mm_s);
         }
     }
 
-    /// Takes the next crossing; the speed over the window that ends with it, if one does.
+    /// Takes the next crossing. Returns the speed over the window that ends with the crossing, if a window does.
     pub(super) fn push(&mut self, crossing: Crossing) -> Option<Measured> {
         self.has_moved = true;
         if !self.is_axis {
@@ -122,9 +124,9 @@ impl Track {
             let longer = self.gap_s.is_some_and(|gap| gap_s > STANDSTILL * gap);
             let shorter = self.gap_s.is_some_and(|gap| gap > STANDSTILL * gap_s);
             if longer && gap_s > SHORT_S {
-                self.cut();
+                self.interrupt();
             } else if shorter && self.gap_s > Some(SHORT_S) {
-                self.cut();
+                self.interrupt();
                 self.take(last);
                 self.gap_s = Some(gap_s);
             } else {
@@ -134,7 +136,7 @@ impl Track {
         self.take(crossing)
     }
 
-    /// An axis steps, forward or back, while the path has been followed for so many mm, if that is known.
+    /// Takes a step of an axis, with the distance along the path, if known, mm.
     pub(super) fn step(&mut self, axis: (usize, i32), seconds: f64, mm: Option<f64>) {
         if let Some(intervals) = &mut self.intervals {
             intervals.step(axis, seconds, mm);
@@ -170,10 +172,10 @@ impl Track {
     }
 }
 
-/// What was measured.
+/// Returns the measurements.
 pub(super) struct Finished {
     pub(super) smoothness: Smoothness,
-    /// Of the path: those of each axis.
+    /// The measurements of each axis along the path.
     pub(super) interval_errors: [IntervalError; AXES],
     pub(super) accelerations: Series,
     pub(super) jerks: Series,

@@ -13,81 +13,83 @@ use super::{
 
 /// A change of direction that counts as a corner, rad: 5°.
 const CORNER_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
-/// Time on either side over which the speed is fitted, s.
+/// Duration on either side of a corner over which the speed is fitted, s.
 const SIDE_S: f64 = 0.004;
-/// Fewest crossings of a side for a speed.
+/// Minimum number of crossings of a side for a speed.
 const FEWEST_OF_SIDE: usize = 5;
-/// Crossings of a side that are waited for, and most of them.
+/// Number of crossings of a side that ends the wait, and the maximum number that is kept.
 const FEWEST: usize = 8;
 const MOST: usize = 256;
-/// Most corners that are kept one by one.
+/// Maximum number of corners that are kept one by one.
 const KEPT: usize = 10_000;
 
 /// A corner of the program.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct CornerSpeed {
-    /// Where it is programmed, mm in machine coordinates.
+    /// The programmed place, mm in machine coordinates.
     pub(crate) at_mm: Vec<f64>,
     /// Change of direction, degrees.
     pub(crate) turn_degrees: f64,
-    /// Speed along the path there, mm/s.
+    /// Speed along the path in the corner, mm/s.
     pub(crate) speed_mm_s: f64,
-    /// What the junction deviation allows, mm/s.
+    /// The speed that the junction deviation allows, mm/s.
     pub(crate) allowed_mm_s: f64,
-    /// Jump of the velocity that it is at that speed, mm/s.
+    /// Jump of the velocity at the measured speed, mm/s.
     pub(crate) jump_mm_s: f64,
-    /// It was rounded.
+    /// The corner was rounded.
     pub(crate) is_rounded: bool,
 }
 
 /// All corners of a program.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub(crate) struct Corners {
-    /// How many there are, stops apart.
+    /// Number of corners without stops.
     pub(crate) count: u64,
-    /// Those whose speed could be measured.
+    /// Number of corners whose speed could be measured.
     pub(crate) measured: u64,
-    /// Those that were rounded.
+    /// Number of corners that were rounded.
     pub(crate) rounded: u64,
-    /// Slowest and fastest, mm/s.
+    /// Least and greatest speed, mm/s.
     pub(crate) slowest_mm_s: Option<f64>,
     pub(crate) fastest_mm_s: Option<f64>,
-    /// The greatest speed of one that was not rounded, as a part of what is allowed there, of those
-    /// that allow more than an acceleration makes within one step from rest.
+    /// The greatest ratio of the speed in a corner to its allowed speed.
+    ///
+    /// Rounded corners do not count, nor corners whose allowed speed an acceleration from standstill
+    /// reaches within one step.
     pub(crate) most_of_allowed: Option<f64>,
-    /// The first ten thousand of them.
+    /// The first ten thousand corners.
     pub(crate) list: Vec<CornerSpeed>,
 }
 
-/// A corner whose way out has not been seen yet.
+/// A corner whose exit has not been measured yet.
 #[derive(Debug)]
 struct Open {
     passed: Passed,
-    /// When and how fast it is on the way in.
-    way_in: Option<(f64, f64)>,
-    way_out: Vec<Crossing>,
-    /// Of a rounded one: when it was passed, s.
+    /// Time, s, and speed, mm/s, at the entry.
+    entry_speed: Option<(f64, f64)>,
+    exit: Vec<Crossing>,
+    /// The time at which a rounded corner was passed, s.
     at_s: f64,
 }
 
 /// Measures corners as they come.
 #[derive(Debug, Default)]
 pub(super) struct Meter {
-    /// The way along the path, newest last.
-    way: VecDeque<Crossing>,
+    /// The distances along the path, newest last.
+    path: VecDeque<Crossing>,
     /// Positions of all axes after each event, mm.
     places: VecDeque<(f64, Point)>,
     open: Option<Open>,
-    /// Where the newest corner is on the path, mm.
+    /// The distance of the newest corner along the path, mm.
     begun_mm: Option<f64>,
     rounded: VecDeque<Open>,
-    /// Slower corners cannot be told from what is one step beside them, mm/s.
+    /// Minimum speed at which a corner is distinguished from a path one step off, mm/s.
     resolved_mm_s: f64,
     pub(super) corners: Corners,
 }
 
 impl Meter {
-    /// For steps that tell corners from what is beside them down to a speed.
+    /// A meter whose steps resolve corners down to a speed.
     pub(super) fn new(resolved_mm_s: f64) -> Self {
         Self {
             resolved_mm_s,
@@ -95,7 +97,7 @@ impl Meter {
         }
     }
 
-    /// The machine is somewhere.
+    /// Takes the position of the machine.
     pub(super) fn place(&mut self, seconds: f64, at: Point) {
         self.places.push_back((seconds, at));
         let old = seconds - 3.0 * SIDE_S;
@@ -111,7 +113,7 @@ impl Meter {
         }
     }
 
-    /// A corner is passed.
+    /// Takes a corner that is passed.
     pub(super) fn pass(&mut self, passed: Passed, seconds: f64) {
         if passed.corner.turn_rad < CORNER_RAD || passed.corner.is_stop {
             return;
@@ -119,55 +121,60 @@ impl Meter {
         self.close(Some(passed.mm));
         self.corners.count += 1;
         let open = Open {
-            way_in: self.way_in(passed.mm),
+            entry_speed: self.entry_speed(passed.mm),
             passed,
-            way_out: Vec::new(),
+            exit: Vec::new(),
             at_s: seconds,
         };
         self.begun_mm = Some(passed.mm);
         if passed.is_exact {
             self.open = Some(open);
-            self.way.clear();
+            self.path.clear();
         } else {
             self.corners.rounded += 1;
             self.rounded.push_back(open);
         }
     }
 
-    /// The way along the path is known.
+    /// Takes a distance along the path.
     pub(super) fn progress(&mut self, crossing: Crossing) {
         let old = crossing.seconds - SIDE_S;
-        self.way.push_back(crossing);
-        while self.way.len() > MOST || (self.way.len() > FEWEST && self.way[0].seconds < old) {
-            self.way.pop_front();
+        self.path.push_back(crossing);
+        while self.path.len() > MOST || (self.path.len() > FEWEST && self.path[0].seconds < old) {
+            self.path.pop_front();
         }
         if let Some(open) = &mut self.open {
-            open.way_out.push(crossing);
-            let count = open.way_out.len();
-            // Twice what is asked for: another corner that comes before that matters.
-            let is_long = crossing.seconds - open.way_out[0].seconds >= 2.0 * SIDE_S;
+            open.exit.push(crossing);
+            let count = open.exit.len();
+            // Twice the fitted duration: an earlier corner within that time matters.
+            let is_long = crossing.seconds - open.exit[0].seconds >= 2.0 * SIDE_S;
             if count >= 2 * MOST || (count >= 2 * FEWEST && is_long) {
                 self.close(None);
             }
         }
     }
 
-    /// The way along the path is interrupted.
-    pub(super) fn cut(&mut self) {
+    /// Separates the following distances from the distances so far.
+    pub(super) fn interrupt(&mut self) {
         self.close(None);
-        self.way.clear();
+        self.path.clear();
         self.begun_mm = None;
     }
 
-    /// When, and how fast, the way so far comes to a place: by the half behind the middle between the
-    /// corner before and this one, as that half may be braked in and the other accelerated.
-    fn way_in(&self, mm: f64) -> Option<(f64, f64)> {
+    /// Time and speed at which the path so far reaches a corner at a distance.
+    ///
+    /// The second half since the corner before is fitted: the first half may be accelerated, the second
+    /// half braked.
+    fn entry_speed(&self, mm: f64) -> Option<(f64, f64)> {
         let from = self
             .begun_mm
             .map_or(f64::MIN, |begun| f64::midpoint(begun, mm));
-        let near = self.way.iter().filter(|crossing| crossing.position >= from);
+        let near = self
+            .path
+            .iter()
+            .filter(|crossing| crossing.position >= from);
         let fit = fitted(&near)?;
-        let last = self.way.back()?;
+        let last = self.path.back()?;
         let mut seconds = last.seconds;
         for _ in 0..3 {
             let speed = fit.speed(seconds);
@@ -179,33 +186,33 @@ impl Meter {
         Some((seconds, fit.speed(seconds).max(0.0)))
     }
 
-    /// The way out is over; so far ahead is the next corner, if that is known.
+    /// Measures the exit of a corner; `next_mm` is the distance of the next corner, if known.
     fn close(&mut self, next_mm: Option<f64>) {
         let Some(open) = self.open.take() else {
             return;
         };
         let to = next_mm.map_or(f64::MAX, |next| f64::midpoint(open.passed.mm, next));
-        let first = open.way_out.first();
+        let first = open.exit.first();
         let until = first.map_or(0.0, |first| first.seconds + SIDE_S);
-        let near = open.way_out.iter().enumerate().filter(|(index, crossing)| {
+        let near = open.exit.iter().enumerate().filter(|(index, crossing)| {
             let is_near = *index < FEWEST || *index < MOST && crossing.seconds <= until;
             is_near && crossing.position <= to
         });
         let out = fitted(&near.map(|(_, crossing)| crossing));
         let out = out.zip(first).map(|(fit, first)| {
             let at = open
-                .way_in
+                .entry_speed
                 .map_or(first.seconds, |(at, _)| at.min(first.seconds));
             fit.speed(at.max(first.seconds - SIDE_S)).max(0.0)
         });
-        let speed = match (open.way_in, out) {
-            (Some((_, way_in)), Some(out)) => Some(f64::midpoint(way_in, out)),
-            (way_in, out) => way_in.map(|(_, speed)| speed).or(out),
+        let speed = match (open.entry_speed, out) {
+            (Some((_, entry_speed)), Some(out)) => Some(f64::midpoint(entry_speed, out)),
+            (entry_speed, out) => entry_speed.map(|(_, speed)| speed).or(out),
         };
         self.add(&open, speed);
     }
 
-    /// A rounded corner: from the positions of all axes around the instant.
+    /// Measures a rounded corner from the positions of all axes around the instant.
     fn close_rounded(&mut self) {
         let Some(open) = self.rounded.pop_front() else {
             return;
@@ -254,7 +261,7 @@ impl Meter {
     }
 }
 
-/// A parabola: speeds change by up to their own size on one side of a corner.
+/// Fits a parabola: speeds change by up to their own size on one side of a corner.
 fn fitted<'a, P>(points: &P) -> Option<Fit>
 where
     P: DoubleEndedIterator<Item = &'a Crossing> + Clone,

@@ -1,21 +1,21 @@
 //! Least squares over the crossings of a window, with polynomials that are orthogonal on them.
 //!
-//! The leading coefficient of a polynomial of degree m, fitted to any points, is a mean of their
-//! divided differences of order m with weights that are all positive. So m! times it is a mean of the
-//! m-th derivative over the window: it is never greater than the derivative itself is somewhere, but
-//! for the noise of the points.
+//! The leading coefficient of a polynomial of degree m, fitted to any points, is a mean of the
+//! divided differences of order m with positive weights. So m! times the coefficient is a mean of the
+//! m-th derivative over the window. Without noise, the mean never exceeds the maximum of the
+//! derivative.
 
-/// Where something was at a time. It is exact but for when: a step is due just when the axis is
-/// half-way to it.
+/// A position at a time. The position is exact, the time is not: a step is due when the axis is
+/// midway between two steps.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Crossing {
-    /// s.
+    /// Time, s.
     pub(super) seconds: f64,
-    /// Steps, or mm along the path.
+    /// Position in steps, or mm along the path.
     pub(super) position: f64,
     /// Standard deviation of the time, s.
     pub(super) grain_s: f64,
-    /// What acceleration and jerk must not exceed there, mm/s² and mm/s³.
+    /// Limits of acceleration and jerk at the time, mm/s² and mm/s³.
     pub(super) limit: [f64; 2],
 }
 
@@ -29,17 +29,17 @@ pub(super) struct Fit {
     /// Middle and half length of the window, s.
     middle_s: f64,
     half_s: f64,
-    /// Recurrence p(k+1) = (x - a(k))·p(k) - b(k)·p(k-1), and each polynomial's squares summed.
+    /// Recurrence p(k+1) = (x - a(k))·p(k) - b(k)·p(k-1), and the sum of squares of each polynomial.
     shift: [f64; DEGREE + 1],
     weight: [f64; DEGREE + 1],
     squares: [f64; DEGREE + 1],
     coefficients: [f64; DEGREE + 1],
-    /// Position that is taken off all others.
+    /// Position that is subtracted from all positions.
     origin: f64,
 }
 
 impl Fit {
-    /// Fits a polynomial of up to the third degree to more points than that.
+    /// Fits a polynomial of up to the third degree to more points than the degree.
     pub(super) fn new<'a, P>(points: &P, degree: usize) -> Option<Self>
     where
         P: DoubleEndedIterator<Item = &'a Crossing> + Clone,
@@ -84,7 +84,7 @@ impl Fit {
         (seconds - self.middle_s) / self.half_s
     }
 
-    /// The basis at a place of the window, -1 to 1. Only as far as it is known.
+    /// The known part of the basis at a place of the window, -1 to 1.
     fn polynomials(&self, x: f64) -> [f64; DEGREE + 1] {
         let mut values = [1.0; DEGREE + 1];
         for order in 1..=self.degree {
@@ -95,18 +95,18 @@ impl Fit {
         values
     }
 
-    /// The derivative of the fit's degree for a leading coefficient of 1, per s to that power.
+    /// The m-th derivative of a fit of degree m for a leading coefficient of 1, 1/s to the power m.
     fn scale(&self) -> f64 {
         let factors = (1..=self.degree).map(|order| order as f64 / self.half_s);
         factors.product()
     }
 
-    /// The derivative of the fit's degree, per s to that power: a mean over the window.
+    /// The m-th derivative of a fit of degree m, a mean over the window, 1/s to the power m.
     pub(super) fn leading(&self) -> f64 {
         self.coefficients[self.degree] * self.scale()
     }
 
-    /// The standard deviation of [`Self::leading`] for that of a position.
+    /// The standard deviation of [`Self::leading`] for the standard deviation of a position.
     pub(super) fn leading_noise(&self, position: f64) -> f64 {
         position * self.scale() / self.squares[self.degree].sqrt()
     }
@@ -132,8 +132,9 @@ impl Fit {
         terms.map(|(slope, factor)| slope * factor).sum::<f64>() / self.half_s
     }
 
-    /// The jump of the speed in the middle of the window, 1/s, and its noise for that of a position:
-    /// the part of the points that is like |t| and unlike the polynomial.
+    /// The jump of the speed in the middle of the window and the standard deviation of the jump, 1/s.
+    ///
+    /// The jump is the component of the points along |t| that is orthogonal to the polynomial.
     pub(super) fn jump<'a>(
         &self,
         points: impl Iterator<Item = &'a Crossing> + Clone,
@@ -154,9 +155,9 @@ impl Fit {
             let x = self.scaled(point.seconds);
             let values = self.polynomials(x);
             let like: f64 = (0..=self.degree).map(|n| shares[n] * values[n]).sum();
-            let rest = x.abs() - like;
-            squares += rest * rest;
-            product += rest * (point.position - self.origin);
+            let residual = x.abs() - like;
+            squares += residual * residual;
+            product += residual * (point.position - self.origin);
         }
         if squares < 1.0e-9 {
             return (0.0, f64::INFINITY);

@@ -1,8 +1,9 @@
-//! Follows the programmed path with the steps, and measures how far they are from it.
+//! Follows the programmed path with the steps, and measures their distance from the path.
 //!
-//! The place on the path only moves forward. It is the nearest point of the present piece; a later
-//! piece takes over where that is nearer, or where an axis steps against the present one. So a path
-//! that crosses itself, or comes back on itself, is followed in its order.
+//! The place on the path only moves forward. It is the nearest point of the present piece. A later
+//! piece becomes the present piece where the later piece is nearer, or where an axis steps against
+//! the direction of the present piece. So a path that crosses itself, or returns on itself, is
+//! followed in its order.
 
 use std::collections::VecDeque;
 
@@ -11,44 +12,44 @@ use serde::Serialize;
 
 use super::geometry::{Corner, Piece, Point, distance_to_stretch, minus, norm};
 
-/// How far ahead on the path a place is sought, mm: longer than what a corner is rounded by.
+/// Length of the path ahead in which a place is sought, mm: longer than the rounding of a corner.
 const AHEAD_MM: f64 = 2.0;
-/// Most pieces that are looked at there.
+/// Maximum number of pieces in which a place is sought.
 const AHEAD_PIECES: usize = 256;
-/// An axis that is this near, in steps, is on the path: half a step of rounding and some shift.
+/// Maximum distance of an axis on the path, steps: half a step of rounding and some shift.
 const ON_PATH: f64 = 0.9;
-/// A corner that the steps come so near to, in steps of each axis, is passed and not rounded.
+/// Maximum distance of the steps from a corner that is passed and not rounded, steps of each axis.
 const AT_CORNER: f64 = 1.05;
-/// How much nearer, in steps, the present piece has to be than another when an axis steps against it.
+/// Distance added to a piece whose direction an axis steps against, steps.
 const AGAINST: f64 = 1.5;
-/// Distance of the places of the path whose distance from the steps is measured, mm.
+/// Spacing of the points of the path whose distance from the steps is measured, mm.
 const SAMPLES_MM: f64 = 1.0;
 
 /// The largest distance between the programmed path and the steps.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub(crate) struct Deviation {
-    /// The Hausdorff distance: the greater of the two below, mm.
+    /// The Hausdorff distance: the greater of `mm` and `left_out_mm`, mm.
     pub(crate) hausdorff_mm: f64,
     /// From the steps to the path, mm.
     pub(crate) mm: f64,
-    /// The same way with each axis in its steps.
+    /// The distance from the path with each axis in its steps.
     pub(crate) steps: f64,
-    /// When, s since the first step.
+    /// The time of the largest distance, s since the first step.
     pub(crate) at_s: f64,
-    /// From the path to the steps, mm: what was left out of a corner.
+    /// From the path to the steps, mm: the part of a corner that was left out.
     pub(crate) left_out_mm: f64,
-    /// Half a step on each axis that moves, mm: what rounding to steps makes.
+    /// Half a step on each axis that moves, mm: the rounding to steps.
     pub(crate) floor_mm: f64,
 }
 
-/// Where the path is along an axis that just stepped.
+/// The point of the path where an axis is due to step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Progress {
     /// The axis.
     pub(super) axis: usize,
-    /// Way along the path, mm.
+    /// Distance along the path, mm.
     pub(super) mm: f64,
-    /// The direction there.
+    /// The direction of the path.
     pub(super) tangent: Point,
     pub(super) feed_mm_s: Option<f64>,
 }
@@ -58,27 +59,27 @@ pub(super) struct Progress {
 pub(super) struct Passed {
     pub(super) corner: Corner,
     pub(super) at: Point,
-    /// Way along the path, mm.
+    /// Distance along the path, mm.
     pub(super) mm: f64,
-    /// The steps went through it.
+    /// The steps went through the corner.
     pub(super) is_exact: bool,
 }
 
-/// What an event of steps shows.
+/// Measurements of an event of steps.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Followed {
     /// Distance from the path, mm.
     pub(super) distance_mm: f64,
-    /// `None` where the steps are beside the path, or no axis says it well.
+    /// The progress; `None` where the steps are off the path, or no axis determines the progress.
     pub(super) progress: Option<Progress>,
-    /// For each axis that steps, how far along the path it is due, mm.
-    pub(super) ways: [Option<f64>; AXES],
-    /// The steps are beside the path.
-    pub(super) is_beside: bool,
+    /// For each axis that steps, the distance along the path at which the step is due, mm.
+    pub(super) distances_mm: [Option<f64>; AXES],
+    /// The steps are off the path.
+    pub(super) is_off_path: bool,
     pub(super) passed: Vec<Passed>,
 }
 
-/// A place of the path whose distance to the steps is sought.
+/// A point of the path whose distance to the steps is sought.
 #[derive(Debug)]
 struct Sample {
     at: Point,
@@ -91,13 +92,13 @@ struct Sample {
 pub(super) struct Follower {
     steps_per_mm: Point,
     pieces: VecDeque<Piece>,
-    /// The piece before the present one.
+    /// The piece before the present piece.
     previous: Option<Piece>,
     share: f64,
     before: Point,
     samples: VecDeque<Sample>,
     moves: [bool; AXES],
-    /// The path is not known behind its last piece.
+    /// The path is unknown after its last piece.
     is_ended: bool,
     pub(super) deviation: Deviation,
 }
@@ -117,7 +118,7 @@ impl Follower {
         }
     }
 
-    /// The path goes on.
+    /// Appends a piece to the path.
     pub(super) fn push(&mut self, piece: Piece) {
         let parts = (piece.length_mm / SAMPLES_MM).ceil().max(1.0);
         for part in 1..=parts as u32 {
@@ -131,7 +132,7 @@ impl Follower {
         self.pieces.push_back(piece);
     }
 
-    /// Axes step; `None` where no path is known.
+    /// Measures an event of steps; `None` where the path is unknown.
     pub(super) fn step(
         &mut self,
         seconds: f64,
@@ -146,30 +147,30 @@ impl Follower {
         let mut followed = Followed::default();
         self.advance(&here, signs, &mut followed.passed)?;
         let piece = self.pieces.front()?;
-        let way = minus(&here, &piece.at(self.share));
-        if self.is_ended && self.pieces.len() == 1 && !self.is_near(&way, ON_PATH) {
+        let offset = minus(&here, &piece.at(self.share));
+        if self.is_ended && self.pieces.len() == 1 && !self.is_near(&offset, ON_PATH) {
             self.lose();
             return None;
         }
-        followed.distance_mm = norm(&way);
-        followed.is_beside = !self.is_near(&way, 1.2);
-        if !followed.is_beside {
+        followed.distance_mm = norm(&offset);
+        followed.is_off_path = !self.is_near(&offset, 1.2);
+        if !followed.is_off_path {
             for (axis, sign) in signs.iter().enumerate().filter(|(_, sign)| **sign != 0) {
-                followed.ways[axis] = self.way(axis, steps[axis], *sign);
+                followed.distances_mm[axis] = self.distance_along(axis, steps[axis], *sign);
             }
-            followed.progress = self.progress(piece, &followed.ways);
+            followed.progress = self.progress(piece, &followed.distances_mm);
         }
         let mm = piece.from_mm + piece.length_mm * self.share;
-        self.measure(seconds, &way, &here, mm);
+        self.measure(seconds, &offset, &here, mm);
         self.before = here;
         Some(followed)
     }
 
-    /// Whether no axis is farther than some steps.
-    fn is_near(&self, way: &Point, steps: f64) -> bool {
-        let scales = way.iter().zip(self.steps_per_mm);
+    /// Whether the offset of every axis is below some steps.
+    fn is_near(&self, offset: &Point, steps: f64) -> bool {
+        let scales = offset.iter().zip(self.steps_per_mm);
         scales
-            .map(|(way, scale)| way.abs() * scale)
+            .map(|(offset, scale)| offset.abs() * scale)
             .all(|off| off <= steps)
     }
 
@@ -182,30 +183,30 @@ impl Follower {
     ) -> Option<()> {
         let piece = self.pieces.front()?;
         let share = piece.nearest(here, self.share).max(self.share);
-        let way = minus(here, &piece.at(share));
+        let offset = minus(here, &piece.at(share));
         let is_over = self.is_against(piece, share, signs);
-        if !is_over && share < 1.0 && self.is_near(&way, ON_PATH) {
+        if !is_over && share < 1.0 && self.is_near(&offset, ON_PATH) {
             self.share = share;
             return Some(());
         }
         let reach = piece.from_mm + piece.length_mm * share + AHEAD_MM;
-        // Beside a rounded corner an axis may step against a piece as well, but rarely.
+        // At a rounded corner an axis may rarely step against a piece as well.
         let against = AGAINST / self.coarsest();
         let handicap = |is_against: bool| if is_against { against } else { 0.0 };
-        let mut best = (0, share, norm(&way) + handicap(is_over));
+        let mut best = (0, share, norm(&offset) + handicap(is_over));
         for (index, next) in self.pieces.iter().enumerate().take(AHEAD_PIECES).skip(1) {
             if next.from_mm > reach {
                 break;
             }
             let share = next.nearest(here, 0.0);
-            let way = minus(here, &next.at(share));
+            let offset = minus(here, &next.at(share));
             let is_against = self.is_against(next, share, signs);
-            if !is_against && self.is_near(&way, ON_PATH) {
-                // What comes first is meant, where the path passes a place twice.
+            if !is_against && self.is_near(&offset, ON_PATH) {
+                // Where the path passes a point twice, the first passage is due.
                 best = (index, share, 0.0);
                 break;
             }
-            let distance = norm(&way) + handicap(is_against);
+            let distance = norm(&offset) + handicap(is_against);
             if distance < best.2 {
                 best = (index, share, distance);
             }
@@ -228,13 +229,13 @@ impl Follower {
         Some(())
     }
 
-    /// Steps/mm of the axis with the fewest.
+    /// Least steps/mm of all axes.
     fn coarsest(&self) -> f64 {
         let scales = self.steps_per_mm.iter().copied();
         scales.fold(f64::INFINITY, f64::min)
     }
 
-    /// Whether an axis steps in a direction that a piece does not have there.
+    /// Whether an axis steps against the direction of a piece at a share.
     fn is_against(&self, piece: &Piece, share: f64, signs: &[i32; AXES]) -> bool {
         let tangent = piece.tangent(share);
         // The direction of an arc is known to about two steps of its length.
@@ -247,28 +248,28 @@ impl Follower {
         axes.any(|(tangent, sign)| *sign != 0 && tangent * f64::from(*sign) < -slack)
     }
 
-    /// Where the path is, from the axis along which it leads most.
-    fn progress(&self, piece: &Piece, ways: &[Option<f64>; AXES]) -> Option<Progress> {
+    /// The progress along the path, from the dominant axis.
+    fn progress(&self, piece: &Piece, distances_mm: &[Option<f64>; AXES]) -> Option<Progress> {
         let tangent = piece.tangent(self.share);
         let axis = (0..AXES).max_by(|a, b| tangent[*a].abs().total_cmp(&tangent[*b].abs()))?;
         Some(Progress {
             axis,
-            mm: ways[axis]?,
+            mm: distances_mm[axis]?,
             tangent,
             feed_mm_s: piece.feed_mm_s,
         })
     }
 
-    /// How far along the path it is where an axis is just due to step, mm.
-    fn way(&self, axis: usize, steps: i32, sign: i32) -> Option<f64> {
+    /// The distance along the path at which an axis is due to step, mm.
+    fn distance_along(&self, axis: usize, steps: i32, sign: i32) -> Option<f64> {
         let scale = self.steps_per_mm[axis];
         let coordinate = (f64::from(steps) - 0.5 * f64::from(sign)) / scale;
         let present = self.pieces.front()?;
         let near_mm = present.from_mm + present.length_mm * self.share;
-        // A step next to the end of a piece may belong to the one beside it.
-        let beside = self.pieces.get(1).map(|piece| (piece, 0.0));
+        // A step next to the end of a piece may belong to the next or the previous piece.
+        let following = self.pieces.get(1).map(|piece| (piece, 0.0));
         let before = self.previous.as_ref().map(|piece| (piece, 1.0));
-        let pieces = [Some((present, self.share)), beside, before];
+        let pieces = [Some((present, self.share)), following, before];
         pieces.into_iter().flatten().find_map(|(piece, near)| {
             let part = if piece.is_arc() { 0.05 } else { 0.02 };
             let share = piece.crossing(axis, coordinate, near, part)?;
@@ -280,9 +281,9 @@ impl Follower {
         })
     }
 
-    fn measure(&mut self, seconds: f64, way: &Point, here: &Point, mm: f64) {
-        let distance = norm(way);
-        let scaled: Point = std::array::from_fn(|axis| way[axis] * self.steps_per_mm[axis]);
+    fn measure(&mut self, seconds: f64, offset: &Point, here: &Point, mm: f64) {
+        let distance = norm(offset);
+        let scaled: Point = std::array::from_fn(|axis| offset[axis] * self.steps_per_mm[axis]);
         self.deviation.steps = self.deviation.steps.max(norm(&scaled));
         if distance > self.deviation.mm {
             (self.deviation.mm, self.deviation.at_s) = (distance, seconds);
@@ -310,19 +311,19 @@ impl Follower {
         }
     }
 
-    /// The path is not known behind what has been pushed.
+    /// The path is unknown after the last piece that has been pushed.
     pub(super) fn end(&mut self) {
         self.is_ended = true;
     }
 
-    /// The path is not known from here on.
+    /// The path is unknown from now on.
     pub(super) fn lose(&mut self) {
         self.pieces.clear();
         self.previous = None;
         self.samples.clear();
     }
 
-    /// The deviation of all of it.
+    /// The deviation of the whole path.
     pub(super) fn finish(mut self) -> Deviation {
         while !self.samples.is_empty() {
             self.close_sample();

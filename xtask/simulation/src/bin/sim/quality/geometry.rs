@@ -28,8 +28,9 @@ pub(crate) fn norm(a: &Point) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// A place, or a direction, of X and Y along the directions in which the motors of `CoreXY` move the tool. They are at
-/// a right angle: every distance stays what it is, and doing it again undoes it.
+/// A place, or a direction, of X and Y along the directions in which the motors of `CoreXY` move the tool.
+///
+/// These directions are at a right angle: the rotation keeps every distance and is its own inverse.
 pub(crate) fn turned(at: &Point) -> Point {
     let mut turned = *at;
     let [x, y] = [at[0], at[1]];
@@ -37,13 +38,14 @@ pub(crate) fn turned(at: &Point) -> Point {
     turned
 }
 
-/// Linear axes: the way along a path counts along them where one of them moves.
+/// The linear axes. Where a linear axis moves, a distance counts along the linear axes only.
 const LINEAR: usize = 3;
 
-/// Length of a way as a feed counts: over the linear axes, or over the rotary ones when only they move.
-pub(crate) fn length(way: &Point) -> f64 {
-    let (linear, rotary) = way.split_at(LINEAR);
-    let [linear, rotary] = [linear, rotary].map(|way| way.iter().map(|x| x * x).sum::<f64>());
+/// Length of a displacement as a feed counts: over the linear axes, or over the rotary axes when only these move.
+pub(crate) fn length(displacement: &Point) -> f64 {
+    let (linear, rotary) = displacement.split_at(LINEAR);
+    let [linear, rotary] =
+        [linear, rotary].map(|displacement| displacement.iter().map(|x| x * x).sum::<f64>());
     if linear > 1.0e-12 * rotary {
         linear.sqrt()
     } else {
@@ -53,16 +55,16 @@ pub(crate) fn length(way: &Point) -> f64 {
 
 /// Distance of a point from the stretch between two others.
 pub(crate) fn distance_to_stretch(point: &Point, from: &Point, to: &Point) -> f64 {
-    let way = minus(to, from);
-    let square = dot(&way, &way);
+    let displacement = minus(to, from);
+    let square = dot(&displacement, &displacement);
     let offset = minus(point, from);
     let share = if square > 0.0 {
-        (dot(&offset, &way) / square).clamp(0.0, 1.0)
+        (dot(&offset, &displacement) / square).clamp(0.0, 1.0)
     } else {
         0.0
     };
     norm(&std::array::from_fn(|axis| {
-        offset[axis] - share * way[axis]
+        offset[axis] - share * displacement[axis]
     }))
 }
 
@@ -71,20 +73,20 @@ pub(crate) fn distance_to_stretch(point: &Point, from: &Point, to: &Point) -> f6
 pub(crate) struct Piece {
     begin: Point,
     end: Point,
-    turn: Option<Turn>,
-    /// Its places and directions are those of [`turned`].
+    turn: Option<CircularArc>,
+    /// Places and directions are rotated by [`turned`].
     is_turned: bool,
-    /// Its length, mm; degrees where only rotary axes move.
+    /// Length, mm; degrees where only rotary axes move.
     pub(crate) length_mm: f64,
-    /// Length of the path before it, mm.
+    /// Length of the path before the piece, mm.
     pub(crate) from_mm: f64,
     /// Programmed speed, mm/s; `None` for a rapid.
     pub(crate) feed_mm_s: Option<f64>,
-    /// How it joins the piece before.
+    /// The joint with the piece before.
     pub(crate) corner: Corner,
 }
 
-/// Where a piece joins the one before.
+/// The joint of a piece with the piece before.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Corner {
     /// By how much the direction changes, rad.
@@ -93,25 +95,25 @@ pub(crate) struct Corner {
     pub(crate) change: Point,
     /// The speed that the junction deviation allows, mm/s.
     pub(crate) allowed_mm_s: f64,
-    /// Something that stops the machine is programmed between the two.
+    /// A stop of the machine is programmed between the two pieces.
     pub(crate) is_stop: bool,
-    /// All axes together move more than twice as far for one mm of the path as before, or less than
-    /// half as far: so much more, or less, of it is a rotary axis.
+    /// The axes together move more than twice as far for one mm of the path as before, or less than
+    /// half as far: the share of a rotary axis changes.
     pub(crate) is_regeared: bool,
 }
 
 /// The circular part of an arc.
 #[derive(Debug, Clone)]
-struct Turn {
+struct CircularArc {
     axes: [usize; 2],
     centre: [f64; 2],
-    /// Radius at the start, and at the end minus that.
+    /// Radius at the start, and the difference between the radius at the end and the radius at the start.
     radius: [f64; 2],
     angle: f64,
     sweep: f64,
 }
 
-impl Turn {
+impl CircularArc {
     fn new(circle: &Circle, from: &Point, to: &Point) -> Self {
         let (first, second, _) = circle.plane.axes();
         let axes = [first, second];
@@ -147,26 +149,26 @@ impl Turn {
 impl Piece {
     /// A move from one point to another, along a line or with a circle.
     pub(crate) fn new(begin: Point, end: Point, circle: Option<&Circle>) -> Self {
-        let turn = circle.map(|circle| Turn::new(circle, &begin, &end));
-        let mut way = minus(&end, &begin);
+        let turn = circle.map(|circle| CircularArc::new(circle, &begin, &end));
+        let mut displacement = minus(&end, &begin);
         if let Some(turn) = &turn {
             let [first, second] = turn.axes;
-            way[first] = turn.sweep * (turn.radius[0] + turn.radius[1] / 2.0);
-            way[second] = 0.0;
+            displacement[first] = turn.sweep * (turn.radius[0] + turn.radius[1] / 2.0);
+            displacement[second] = 0.0;
         }
         Self {
             begin,
             end,
             turn,
             is_turned: false,
-            length_mm: length(&way),
+            length_mm: length(&displacement),
             from_mm: 0.0,
             feed_mm_s: None,
             corner: Corner::default(),
         }
     }
 
-    /// The same along the directions of the motors of `CoreXY`.
+    /// The piece along the directions of the motors of `CoreXY`.
     pub(super) fn turned(self) -> Self {
         Self {
             is_turned: true,
@@ -174,12 +176,12 @@ impl Piece {
         }
     }
 
-    /// Whether the direction changes within it.
+    /// Whether the direction changes within the piece.
     pub(crate) fn is_arc(&self) -> bool {
         self.turn.is_some()
     }
 
-    /// Where a share of its length is done.
+    /// The point at a share of the length.
     pub(crate) fn at(&self, share: f64) -> Point {
         let mut point: Point =
             std::array::from_fn(|n| self.begin[n] + (self.end[n] - self.begin[n]) * share);
@@ -212,30 +214,30 @@ impl Piece {
         }
     }
 
-    /// The direction where a share of its length is done: what the axes move for one mm of it.
+    /// The direction at a share of the length: the motion of the axes for one mm of the path.
     pub(crate) fn tangent(&self, share: f64) -> Point {
         let slope = self.slope(share);
         let length = length(&slope).max(f64::MIN_POSITIVE);
         slope.map(|part| part / length)
     }
 
-    /// The share at the point nearest to another, sought from a share on (Gauss and Newton).
+    /// The share of the point of the piece that is nearest to a point, sought from a share on (Gauss and Newton).
     pub(crate) fn nearest(&self, point: &Point, from: f64) -> f64 {
         let mut share = from;
         for _ in 0..if self.is_arc() { 6 } else { 1 } {
             let slope = self.slope(share);
             let square = dot(&slope, &slope).max(f64::MIN_POSITIVE);
-            let way = dot(&minus(point, &self.at(share)), &slope) / square;
-            share = (share + way).clamp(0.0, 1.0);
-            if way.abs() < 1.0e-12 {
+            let displacement = dot(&minus(point, &self.at(share)), &slope) / square;
+            share = (share + displacement).clamp(0.0, 1.0);
+            if displacement.abs() < 1.0e-12 {
                 break;
             }
         }
         share
     }
 
-    /// The share at which an axis is at a coordinate, near a share; it may lie beyond the ends. `None`
-    /// where less than a part of the way leads along the axis.
+    /// The share near a share at which an axis is at a coordinate, maybe beyond the ends. `None`
+    /// where less than a part of the displacement leads along the axis.
     pub(crate) fn crossing(
         &self,
         axis: usize,
@@ -296,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn the_way_counts_along_the_linear_axes_where_one_of_them_moves() {
+    fn the_distance_counts_along_the_linear_axes_where_one_of_them_moves() {
         const A: usize = if AXES > 3 { 3 } else { 0 };
         if A == 0 {
             return;

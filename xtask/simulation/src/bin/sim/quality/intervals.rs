@@ -1,8 +1,8 @@
-//! How far the time between two steps is from what the motion along the path makes it.
+//! Errors of the time between two steps against the ideal time of the motion along the path.
 //!
-//! The ideal profile is the way along the path as a smooth function of time, fitted to the steps of
-//! the axis along which the path leads most, and the programmed path itself: an axis is ideally due
-//! when that way comes to where the path crosses the middle between two of its steps.
+//! The ideal profile is the distance along the programmed path as a smooth function of time. The
+//! function is fitted to the steps of the dominant axis. A step of an axis is ideally due when the
+//! distance reaches the point where the path crosses the middle between two steps of the axis.
 
 use std::collections::VecDeque;
 
@@ -13,15 +13,15 @@ use super::fit::{Crossing, Fit};
 
 /// Shortest window of the smooth motion, s.
 const WINDOW_S: f64 = 0.01;
-/// Fewest crossings of a window.
+/// Minimum number of crossings of a window.
 const CROSSINGS: usize = 17;
-/// Fewest crossings between two cuts for any judgement.
+/// Minimum number of crossings between two interruptions for any judgement.
 const FEWEST: usize = 9;
 
-/// Where the search for the ideal time has come to its end, mm.
+/// Tolerance at which the search for the ideal time ends, mm.
 const CONVERGED_MM: f64 = 1.0e-6;
 
-/// Bins of the distribution for each factor of 10 of the error, and its least error.
+/// Bins of the distribution for each factor of 10 of the error, and the least error.
 const BINS_PER_DECADE: f64 = 100.0;
 const LEAST_ERROR: f64 = 1.0e-7;
 const BINS: usize = 901;
@@ -31,18 +31,18 @@ const BINS: usize = 901;
 pub(crate) struct IntervalError {
     /// Root of the mean square.
     pub(crate) rms: f64,
-    /// What 99.9 % of the intervals keep within.
+    /// The error that 99.9 % of the intervals do not exceed.
     pub(crate) p999: f64,
-    /// The greatest.
+    /// The greatest error.
     pub(crate) worst: f64,
-    /// Intervals that were judged.
+    /// Number of intervals that were judged.
     pub(crate) intervals: u64,
-    /// Steps without a judgement: beside the path, nearly at right angles to it, or where too few
-    /// steps lie between two standstills.
+    /// Number of steps without a judgement: off the path, nearly at right angles to the path, or with
+    /// too few steps between two standstills.
     pub(crate) unjudged: u64,
 }
 
-/// A step of an axis, and how far along the path it is due.
+/// A step of an axis and the distance along the path at which the step is due.
 #[derive(Debug, Clone, Copy)]
 struct Due {
     axis: usize,
@@ -54,7 +54,7 @@ struct Due {
 /// The errors of one axis.
 #[derive(Debug, Clone)]
 struct Errors {
-    /// Its last step that was judged, and when that was ideally due, s.
+    /// The last step that was judged, and its ideal time, s.
     last: Option<(Due, f64)>,
     squares: f64,
     worst: f64,
@@ -63,10 +63,10 @@ struct Errors {
     unjudged: u64,
 }
 
-/// Judges the steps of all axes as they come.
+/// Judges the steps of all axes in their order.
 #[derive(Debug, Clone)]
 pub(super) struct Intervals {
-    /// The way along the path.
+    /// The distance along the path.
     path: VecDeque<Crossing>,
     /// Steps that are not judged yet.
     open: VecDeque<Due>,
@@ -90,7 +90,7 @@ impl Intervals {
         }
     }
 
-    /// An axis steps where the path has gone so far, if that is known. To be told after the path.
+    /// Takes a step of an axis with its distance along the path, if known. Call after [`Self::push`].
     pub(super) fn step(&mut self, (axis, sign): (usize, i32), seconds: f64, mm: Option<f64>) {
         if let Some(mm) = mm {
             self.open.push_back(Due {
@@ -104,7 +104,7 @@ impl Intervals {
         }
     }
 
-    /// The path goes on.
+    /// Takes a distance along the path.
     pub(super) fn push(&mut self, crossing: Crossing) {
         self.path.push_back(crossing);
         let length = self.path.len();
@@ -115,8 +115,8 @@ impl Intervals {
         self.path.drain(..length / 2);
     }
 
-    /// What comes after has nothing to do with what came before.
-    pub(super) fn cut(&mut self) {
+    /// Separates the following motion from the motion so far.
+    pub(super) fn interrupt(&mut self) {
         if self.path.len() >= FEWEST {
             self.judge(self.path[self.path.len() - 1].seconds);
         }
@@ -148,10 +148,10 @@ impl Intervals {
                 errors.last = None;
                 continue;
             };
-            // Where an axis turns, its steps are no interval apart.
+            // Where an axis reverses, its two steps bound no interval.
             let last = errors.last.filter(|(last, _)| last.sign == due.sign);
             if let Some((last, last_ideal_s)) = last {
-                // With one fit for both where it knows both.
+                // One fit serves both where both lie in its window.
                 let again = (last.seconds >= from).then(|| self::ideal_s(&fit, &last));
                 let before_s = again.flatten().unwrap_or(last_ideal_s);
                 let interval_s = ideal_s - before_s;
@@ -166,7 +166,7 @@ impl Intervals {
     }
 
     pub(super) fn finish(mut self) -> [IntervalError; AXES] {
-        self.cut();
+        self.interrupt();
         self.axes.map(|axis| axis.finish())
     }
 }
@@ -199,7 +199,7 @@ impl Errors {
     }
 }
 
-/// When the smooth motion comes to where a step is due (Newton), or nothing where it stands.
+/// The time at which the smooth motion reaches a distance (Newton); `None` at a standstill.
 fn ideal_s(fit: &Fit, due: &Due) -> Option<f64> {
     let mut seconds = due.seconds;
     for _ in 0..4 {

@@ -10,7 +10,7 @@ use leadscrew::{
 use super::{geometry::Point, jerk_limits};
 use crate::steps_per_mm;
 
-/// What the motors make of the way of the tool: those of `CoreXY` turn for √2 mm while they move it by one.
+/// Scales of the motors along the tool path: a motor of `CoreXY` turns for √2 mm while it moves the tool by 1 mm.
 #[derive(Debug, Clone)]
 pub(super) struct MotorScales {
     /// mm of the motor for one mm along the direction in which it moves the tool.

@@ -1,4 +1,4 @@
-//! From the lines of a program to its path.
+//! The path of a program, from its lines.
 
 use leadscrew::{
     axis::{AXES, Axes},
@@ -15,7 +15,7 @@ use super::{
 /// The path of a program.
 pub(crate) struct Programmed {
     reader: ProgramReader,
-    /// Where the last piece ends.
+    /// End of the last piece.
     sent: Axes<Nm>,
     steps: Axes<Steps>,
     tangent: Option<Point>,
@@ -26,7 +26,7 @@ pub(crate) struct Programmed {
 }
 
 impl Programmed {
-    /// From the origin.
+    /// A path that begins at the origin.
     pub(crate) fn new(reader: ProgramReader) -> Self {
         Self {
             accelerations: MotorScales::of(reader.settings()).accelerations,
@@ -44,7 +44,7 @@ impl Programmed {
         self.reader.is_lost()
     }
 
-    /// The path of the next line. One that the machine refuses has none.
+    /// The path of the next line; a refused line has no path.
     pub(crate) fn line(&mut self, line: &[u8]) -> Vec<Piece> {
         let commands = self.reader.line(line);
         let pieces = commands.iter().filter_map(|command| self.piece(command));
@@ -55,13 +55,13 @@ impl Programmed {
         match command {
             Command::Line {
                 target, feed_rate, ..
-            } => self.way(target, *feed_rate, None),
+            } => self.piece_of_move(target, *feed_rate, None),
             Command::Arc {
                 target,
                 circle,
                 feed_rate,
                 ..
-            } => self.way(target, *feed_rate, Some(circle)),
+            } => self.piece_of_move(target, *feed_rate, Some(circle)),
             Command::Dwell { .. }
             | Command::Spindle { .. }
             | Command::Coolant(_)
@@ -76,8 +76,8 @@ impl Programmed {
         }
     }
 
-    /// A move; one without a step becomes part of the next.
-    fn way(
+    /// The piece of a move; a move without a step becomes part of the next move.
+    fn piece_of_move(
         &mut self,
         target: &Target,
         feed_rate: FeedRate,
@@ -137,9 +137,11 @@ impl Programmed {
         }
     }
 
-    /// The speed in a corner that the junction deviation allows (S. Jeon 2011): on the circle that
-    /// touches both directions and passes the corner at that distance, within the acceleration that the
-    /// axes have in the direction of the change. Another share of a rotary axis is a change, too.
+    /// The speed in a corner that the junction deviation allows (S. Jeon 2011).
+    ///
+    /// The circle of the junction touches both directions and passes the corner at the junction
+    /// deviation. The acceleration limits of the axes in the direction of the change bound the speed on
+    /// the circle. A different share of a rotary axis is a change, too.
     fn allowed_mm_s(&self, before: &Point, after: &Point) -> f64 {
         let change = minus(after, before);
         let size = norm(&change);
@@ -162,7 +164,7 @@ impl Programmed {
 
 /// The angle between two directions, rad.
 fn turn(before: &Point, after: &Point) -> f64 {
-    let [before, after] = [before, after].map(|way| way.map(|part| part / norm(way)));
+    let [before, after] = [before, after].map(|tangent| tangent.map(|part| part / norm(tangent)));
     let sum: Point = std::array::from_fn(|axis| before[axis] + after[axis]);
     2.0 * norm(&minus(&after, &before)).atan2(norm(&sum))
 }

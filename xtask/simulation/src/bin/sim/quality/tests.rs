@@ -24,7 +24,7 @@ fn settings() -> Settings {
     }
 }
 
-/// Steps of a motion, found on a fine grid of times: each is due when its axis is half-way to it.
+/// Steps of a motion, on a fine grid of times. A step is due when its axis is midway between two steps.
 fn steps_of(seconds: f64, at: impl Fn(f64) -> [f64; 2]) -> Vec<(f64, usize, i32)> {
     const GRID_S: f64 = 1.0e-4;
     let mut steps = Vec::new();
@@ -77,29 +77,29 @@ fn measured(settings: &Settings, program: &[&str], steps: &[(f64, usize, i32)]) 
     meter.finish().0
 }
 
-/// From rest to rest: the way after a time, at 500 mm/s² up to 50 mm/s.
+/// From standstill to standstill: the distance after a time, at 500 mm/s² up to 50 mm/s.
 fn trapezoid(length: f64) -> (f64, impl Fn(f64) -> f64) {
     let (speed, acceleration) = (50.0, 500.0);
     let ramp = speed / acceleration;
     let total = length / speed + ramp;
-    let way = move |t: f64| {
+    let distance = move |t: f64| {
         let t = t.clamp(0.0, total);
-        let rest = total - t;
+        let remaining_s = total - t;
         if t < ramp {
             0.5 * acceleration * t * t
-        } else if rest < ramp {
-            length - 0.5 * acceleration * rest * rest
+        } else if remaining_s < ramp {
+            length - 0.5 * acceleration * remaining_s * remaining_s
         } else {
             speed * (t - 0.5 * ramp)
         }
     };
-    (total, way)
+    (total, distance)
 }
 
 #[test]
 fn a_perfect_trapezoid_has_no_error_and_its_own_peaks() {
-    let (total, way) = trapezoid(50.0);
-    let steps = steps_of(total, |t| [way(t), 0.6 * way(t)]);
+    let (total, distance) = trapezoid(50.0);
+    let steps = steps_of(total, |t| [distance(t), 0.6 * distance(t)]);
     let length = 50.0 * 1.36_f64.sqrt();
     let feed = 50.0 * 1.36_f64.sqrt() * 60.0;
     let quality = measured(&settings(), &[&format!("G1 X50 Y30 F{feed:.3}")], &steps);
@@ -143,7 +143,7 @@ fn a_perfect_trapezoid_has_no_error_and_its_own_peaks() {
 }
 
 #[test]
-fn the_motors_of_core_xy_are_measured_and_the_way_of_the_tool_is_theirs() {
+fn the_motors_of_core_xy_are_measured_along_the_path_of_the_tool() {
     let settings = Settings {
         core_xy: true,
         ..settings()
@@ -156,8 +156,8 @@ fn the_motors_of_core_xy_are_measured_and_the_way_of_the_tool_is_theirs() {
         ("G1 X-25 Y25 F2121.320", [0.0, -1.0], SQRT_2.recip()),
         ("G1 X40 Y10 F2473.863", [1.0, 0.6], 0.68_f64.sqrt()),
     ] {
-        let (total, way) = trapezoid(50.0);
-        let steps = steps_of(total, |t| shares.map(|share| share * way(t)));
+        let (total, distance) = trapezoid(50.0);
+        let steps = steps_of(total, |t| shares.map(|share| share * distance(t)));
         let quality = measured(&settings, &[program], &steps);
         let motors = shares.into_iter().zip(["motor X", "motor Y"]);
         let turning: Vec<_> = motors.filter(|(share, _)| *share != 0.0).collect();
@@ -219,8 +219,8 @@ fn stairs_show_their_jumps() {
 
 #[test]
 fn steps_on_the_ticks_of_a_faster_axis_show_an_interval_error() {
-    let (total, way) = trapezoid(50.0);
-    let exact = steps_of(total, |t| [way(t), 0.618 * way(t)]);
+    let (total, distance) = trapezoid(50.0);
+    let exact = steps_of(total, |t| [distance(t), 0.618 * distance(t)]);
     let ticks: Vec<f64> = exact
         .iter()
         .filter(|step| step.1 == 0)
@@ -247,7 +247,7 @@ fn steps_on_the_ticks_of_a_faster_axis_show_an_interval_error() {
 }
 
 #[test]
-fn an_arc_cut_into_chords_shows_its_deviation() {
+fn an_arc_divided_into_chords_shows_its_deviation() {
     // A quarter of 20 mm in chords 0.05 mm from it.
     let chord = 2.0 * (1.0_f64 - 0.05 / 20.0).acos();
     let at = |t: f64| {
@@ -268,7 +268,7 @@ fn an_arc_cut_into_chords_shows_its_deviation() {
 }
 
 #[test]
-fn a_corner_that_is_cut_shows_what_is_left_out() {
+fn a_rounded_corner_shows_what_is_left_out() {
     // From 9 mm in X to 1 mm in Y along the diagonal: the corner is √½ mm from it.
     let at = |t: f64| {
         let x = t.min(9.0) + (0.5 * (t - 9.0)).clamp(0.0, 1.0);
@@ -301,11 +301,11 @@ fn the_speed_in_a_corner_is_measured() {
             (t - 1.0) * 10.0 + 10.0
         }
     };
-    let way = |t: f64| {
+    let distance = |t: f64| {
         let (first, second) = (t.min(1.0), (t - 1.0).max(0.0));
         20.0 * first - 5.0 * first * first + 10.0 * second + 5.0 * second * second
     };
-    let at = |t: f64| [way(t).min(15.0), (way(t) - 15.0).max(0.0)];
+    let at = |t: f64| [distance(t).min(15.0), (distance(t) - 15.0).max(0.0)];
     assert!((speed(0.0) - 20.0).abs() < 1.0e-9);
     let quality = measured(&settings(), &["G1 X15 F1200", "Y15"], &steps_of(2.0, at));
     let [corner] = &quality.corners.list[..] else {
@@ -322,7 +322,7 @@ fn the_speed_in_a_corner_is_measured() {
         panic!("{:?}", quality.violations);
     };
     assert!(violation.ends_with("the speed that $11 allows in a corner"));
-    // The way along the path goes on smoothly, and no axis is judged across the corner.
+    // The distance along the path stays smooth, and no axis is measured across the corner.
     let accelerations = quality
         .axes
         .iter()
@@ -332,14 +332,14 @@ fn the_speed_in_a_corner_is_measured() {
 }
 
 #[test]
-fn corners_a_few_steps_apart_are_told_from_what_is_between_them() {
+fn corners_a_few_steps_from_each_other_are_distinguished_from_the_path_between_them() {
     // 10 mm/s at both ends of 10 steps in Y, accelerated and braked at 500 mm/s² between them.
     let (length, speed, acceleration) = (0.125, 10.0_f64, 500.0);
     let half = ((speed * speed + acceleration * length).sqrt() - speed) / acceleration;
     let ramp = |t: f64| speed * t + 0.5 * acceleration * t * t;
     let at = |t: f64| {
         let before = (1.0 - t).max(0.0);
-        let behind = (t - 1.0 - 2.0 * half).max(0.0);
+        let after_corner = (t - 1.0 - 2.0 * half).max(0.0);
         let between = (t - 1.0).clamp(0.0, 2.0 * half);
         let y = if between < half {
             ramp(between)
@@ -347,7 +347,10 @@ fn corners_a_few_steps_apart_are_told_from_what_is_between_them() {
             length - ramp(2.0 * half - between)
         };
         let x = 15.0 - (10.0 * before + 5.0 * before * before);
-        [x + 10.0 * behind + 5.0 * behind * behind, y]
+        [
+            x + 10.0 * after_corner + 5.0 * after_corner * after_corner,
+            y,
+        ]
     };
     let steps = steps_of(2.0 + 2.0 * half, at);
     let quality = measured(&settings(), &["G1 X15 F1200", "Y0.125", "X30"], &steps);
@@ -360,8 +363,8 @@ fn corners_a_few_steps_apart_are_told_from_what_is_between_them() {
 
 #[test]
 fn a_bend_too_slight_for_a_corner_is_no_acceleration() {
-    // 100 mm/s along chords of 20 mm, each turned by 0.4° to the one before: the speed of an axis jumps by
-    // 0.5 mm/s, for which the limit of 10 mm/s² needs 50 ms.
+    // 100 mm/s along chords of 20 mm with corners of 0.4°. The speed of an axis jumps by 0.5 mm/s, for which the limit
+    // of 10 mm/s² needs 50 ms.
     let slow = Settings {
         acceleration_mm_s2: Axes::all(10.0),
         ..settings()
@@ -369,9 +372,9 @@ fn a_bend_too_slight_for_a_corner_is_no_acceleration() {
     let heading = |chord: u32| (45.0 + 0.4 * f64::from(chord)).to_radians().sin_cos();
     let at = |t: f64| {
         let chord = (5.0 * t) as u32;
-        let ways = (0..=chord).map(|k| (heading(k), (100.0 * t - 20.0 * f64::from(k)).min(20.0)));
-        ways.fold([0.0; 2], |[x, y], ((sine, cosine), way)| {
-            [x + way * cosine, y + way * sine]
+        let spans = (0..=chord).map(|k| (heading(k), (100.0 * t - 20.0 * f64::from(k)).min(20.0)));
+        spans.fold([0.0; 2], |[x, y], ((sine, cosine), distance)| {
+            [x + distance * cosine, y + distance * sine]
         })
     };
     let to = |t: f64| {
@@ -389,7 +392,7 @@ fn a_bend_too_slight_for_a_corner_is_no_acceleration() {
 }
 
 #[test]
-fn a_path_that_is_passed_beside_has_no_jumps_where_another_axis_leads() {
+fn a_path_followed_at_an_offset_has_no_jumps_where_another_axis_dominates() {
     // A circle of 20 mm that is 0.8 steps too large, at 20 mm/s: both axes are as fast at each eighth.
     let at = |t: f64| {
         let (sine, cosine) = t.sin_cos();
@@ -409,12 +412,16 @@ fn a_path_that_is_passed_beside_has_no_jumps_where_another_axis_leads() {
 #[test]
 fn a_smooth_jerk_is_found() {
     // sin² speed: 20 mm in 1 s, jerk at most 2·20·(2π)²/2.
-    let way = |t: f64| 20.0 * (t - (std::f64::consts::TAU * t).sin() / std::f64::consts::TAU);
+    let distance = |t: f64| 20.0 * (t - (std::f64::consts::TAU * t).sin() / std::f64::consts::TAU);
     let slow = Settings {
         acceleration_mm_s2: Axes::all(50.0),
         ..settings()
     };
-    let quality = measured(&slow, &["G1 X20 F2400"], &steps_of(1.0, |t| [way(t), 0.0]));
+    let quality = measured(
+        &slow,
+        &["G1 X20 F2400"],
+        &steps_of(1.0, |t| [distance(t), 0.0]),
+    );
     let jerk = &quality.axes[0].smoothness.jerk_mm_s3;
     let most = 20.0 * std::f64::consts::TAU.powi(2);
     assert!(
@@ -431,7 +438,7 @@ fn a_smooth_jerk_is_found() {
 }
 
 #[test]
-fn a_refused_line_ends_what_is_said_of_the_path() {
+fn a_refused_line_ends_the_measurement_of_the_path() {
     let mut meter = Meter::new(ProgramReader::new(&settings()));
     meter.line(b"G1 X1 F600");
     meter.answer(true);
@@ -471,8 +478,8 @@ fn tiny_moves_side_by_side_are_not_mixed_up() {
         "Y0",
         "Z0.1",
     ];
-    let ways = [(2, -1, 8), (1, -1, 2), (1, 1, 2), (2, 1, 16)];
-    let steps = ways
+    let spans = [(2, -1, 8), (1, -1, 2), (1, 1, 2), (2, 1, 16)];
+    let steps = spans
         .into_iter()
         .flat_map(|(axis, sign, count)| (0..count).map(move |_| (axis, sign)));
     let steps: Vec<_> = (1..)
@@ -485,8 +492,8 @@ fn tiny_moves_side_by_side_are_not_mixed_up() {
 
 #[test]
 fn the_figures_are_printed_with_their_names() {
-    let (total, way) = trapezoid(20.0);
-    let steps = steps_of(total, |t| [way(t), 0.5 * way(t)]);
+    let (total, distance) = trapezoid(20.0);
+    let steps = steps_of(total, |t| [distance(t), 0.5 * distance(t)]);
     let quality = measured(&settings(), &["G1 X20 Y10 F3354"], &steps);
     let text = text(&quality);
     for part in [

@@ -106,7 +106,7 @@ mod watched {
 
     impl Refused {
         /// Another program has opened it.
-        fn tell(&mut self) {
+        fn print(&mut self) {
             self.opened += 1;
             // Fewer bytes than a new terminal has room for.
             let _ = rustix::io::write(self.terminal.controller(), self.message.as_bytes());
@@ -154,7 +154,7 @@ mod watched {
                     }
                 } else if let Some(refused) = self.refused(number) {
                     if is_opened {
-                        refused.tell();
+                        refused.print();
                     } else {
                         refused.opened = refused.opened.saturating_sub(1);
                     }
@@ -193,7 +193,7 @@ mod watched {
                     opened: 0,
                     message,
                 };
-                refused.tell();
+                refused.print();
                 self.refused.push(refused);
             }
             Ok(())

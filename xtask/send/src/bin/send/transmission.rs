@@ -1,4 +1,4 @@
-//! A job that is sent: what is sent when, what the machine's lines mean, and what the operator's keys do.
+//! The transmission of a job: the lines to send, the answers of the machine and the keys of the operator.
 //!
 //! Pure: bytes and keys go in, bytes and notes come out, and the caller owns line, clock and screen.
 
@@ -76,22 +76,22 @@ pub(crate) enum Phase {
     Failed(String),
 }
 
-/// A job.
-pub(crate) struct Job {
+/// The transmission of a job.
+pub(crate) struct Transmission {
     /// What is to be sent, first the lines of the approach.
     lines: Vec<Vec<u8>>,
     approach: usize,
-    /// The line of the program behind the approach, counted from 0.
+    /// The first line of the program after the approach, counted from 0.
     first: usize,
     next: usize,
-    /// It fills no larger receive buffer than Grbl's: lines that the operator types need room behind the job's.
+    /// It fills at most a receive buffer of Grbl's size: lines of the operator need room after the lines of the job.
     sender: Sender,
     pub(crate) phase: Phase,
     pub(crate) status: Status,
     /// The operator has asked for a hold.
     is_hold_asked: bool,
-    /// That the machine waits has been told.
-    is_wait_told: bool,
+    /// A note has reported that the machine waits.
+    is_wait_reported: bool,
     /// What the operator types during a change of the tool.
     pub(crate) manual_lines: ManualLines,
     /// Lines that were answered before a change of the tool in which the operator has set an offset.
@@ -99,7 +99,7 @@ pub(crate) struct Job {
     /// Somebody can press a key.
     pub(crate) has_operator: bool,
     /// A refused line does not end the job.
-    goes_on: bool,
+    ignores_refusals: bool,
     /// The dwell at the end has been sent.
     is_last_sent: bool,
     output: Vec<u8>,
@@ -108,13 +108,13 @@ pub(crate) struct Job {
     message: String,
 }
 
-impl Job {
+impl Transmission {
     /// A program from a line on, counted from 0, behind an approach.
     pub(crate) fn new(
         approach: &[String],
         program: &[Vec<u8>],
         first: usize,
-        goes_on: bool,
+        ignores_refusals: bool,
     ) -> Self {
         let before = approach.iter().map(|line| line.as_bytes().to_vec());
         Self {
@@ -126,11 +126,11 @@ impl Job {
             phase: Phase::Running,
             status: Status::default(),
             is_hold_asked: false,
-            is_wait_told: false,
+            is_wait_reported: false,
             manual_lines: ManualLines::default(),
             measured: None,
             has_operator: true,
-            goes_on,
+            ignores_refusals,
             is_last_sent: false,
             output: Vec::new(),
             notes: Vec::new(),
@@ -191,7 +191,7 @@ impl Job {
                 self.status.take(report);
                 let note = self.manual_lines.report(&self.status.report.state);
                 self.notes.extend(note.map(str::to_owned));
-                self.look();
+                self.update_phase();
             }
             Line::Alarm(number) => self.alarm(number),
             Line::Welcome => self.welcome(),
@@ -233,17 +233,17 @@ impl Job {
         };
         let refusal = format!(
             "{place} is refused: {text}: error:{number}{}",
-            meaning::behind_comma(meaning::error(number))
+            meaning::after_comma(meaning::error(number))
         );
-        if self.goes_on && index >= self.approach {
+        if self.ignores_refusals && index >= self.approach {
             self.notes.push(refusal);
         } else {
             self.stop(refusal);
         }
     }
 
-    /// Looks at a report.
-    fn look(&mut self) {
+    /// Updates the phase from the last report.
+    fn update_phase(&mut self) {
         match &self.phase {
             Phase::Stopping(reason) if self.status.report.is_at_rest() => {
                 self.output.push(realtime::RESET);
@@ -259,7 +259,7 @@ impl Job {
             }
             Phase::Running if self.status.report.is_held() => self.wait(),
             Phase::Running => {
-                self.is_wait_told = false;
+                self.is_wait_reported = false;
                 let is_done = self.is_last_sent && self.sender.is_done();
                 if is_done && matches!(self.status.report.state_name(), "Idle" | "Check") {
                     self.phase = Phase::Done;
@@ -269,7 +269,7 @@ impl Job {
         }
     }
 
-    /// The machine waits: for the operator, who may have asked for that.
+    /// Reports that the machine waits for the operator, or stops where nobody can press a key.
     fn wait(&mut self) {
         if !self.has_operator {
             let why = match self.message.as_str() {
@@ -279,8 +279,8 @@ impl Job {
             self.stop(format!(
                 "the machine waits for its operator ({why}), and nobody is there"
             ));
-        } else if !self.is_wait_told {
-            self.is_wait_told = true;
+        } else if !self.is_wait_reported {
+            self.is_wait_reported = true;
             let why = if self.is_hold_asked {
                 "is held"
             } else {
@@ -296,7 +296,7 @@ impl Job {
     }
 
     fn alarm(&mut self, number: &str) {
-        let text = meaning::behind_comma(meaning::alarm(number));
+        let text = meaning::after_comma(meaning::alarm(number));
         if self.manual_lines.is_on() {
             self.notes
                 .push(format!("ALARM:{number}{text}: $X unlocks the machine"));
@@ -341,7 +341,7 @@ impl Job {
             Key::Resume => {
                 self.manual_lines.resume();
                 self.is_hold_asked = false;
-                self.is_wait_told = false;
+                self.is_wait_reported = false;
                 self.output.push(realtime::RESUME);
             }
             Key::Stop => self.stop("the operator has stopped the job".into()),

@@ -19,7 +19,7 @@ fn operations<const SIZE: usize>(flash: &Flash<SIZE>, change: Change, contents: 
 }
 
 /// Contents of a flash after a power cut during a change.
-fn cut<const SIZE: usize>(
+fn cut_power<const SIZE: usize>(
     flash: &Flash<SIZE>,
     change: Change,
     contents: &Contents,
@@ -55,7 +55,7 @@ fn a_power_cut_at_any_word_or_erase_leaves_the_old_or_the_new() {
         let change = history.change();
         let new = history.contents.clone();
         for after in 0..operations(&flash, change, &new) {
-            let left = cut(&flash, change, &new, after, round * 1000 + after);
+            let left = cut_power(&flash, change, &new, after, round * 1000 + after);
             let (mut journal, loaded) = power_up(left);
             assert!(!loaded.is_first_boot, "round {round}, after {after}");
             assert!(
@@ -89,7 +89,7 @@ fn a_second_cut_while_the_first_is_made_good_loses_nothing() {
         let change = history.change();
         let new = history.contents.clone();
         for first in 0..operations(&flash, change, &new) {
-            let left = cut(&flash, change, &new, first, round + first);
+            let left = cut_power(&flash, change, &new, first, round + first);
             // At most a page is carried over anew: its words, and an erase.
             for second in [0, 1, 2, 3, 4, 5, 8, 60, 200, 400] {
                 let mut flash = left.clone();
@@ -165,7 +165,7 @@ fn restoring_everything_is_one_change() {
     let (old, new) = (history.contents, Contents::default());
     assert_ne!(old, new);
     for after in 0..operations(&flash, Change::RestoreAll, &new) {
-        let left = cut(&flash, Change::RestoreAll, &new, after, after);
+        let left = cut_power(&flash, Change::RestoreAll, &new, after, after);
         let (_, loaded) = power_up(left);
         assert!(loaded.contents == old || loaded.contents == new);
     }
@@ -194,7 +194,7 @@ fn a_power_cut_while_a_full_tool_table_changes_loses_no_tool() {
         let change = history.tool(TOOLS as u32);
         let new = history.contents.clone();
         for after in 0..operations(&flash, change, &new) {
-            let left = cut(&flash, change, &new, after, round * 1000 + after);
+            let left = cut_power(&flash, change, &new, after, round * 1000 + after);
             let (mut journal, loaded) = power_up(left);
             assert!(
                 loaded.contents == old || loaded.contents == new,

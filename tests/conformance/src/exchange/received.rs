@@ -1,4 +1,4 @@
-//! What was received in an exchange, and which of it belongs together.
+//! The lines received in an exchange, aligned with the lines of the recording.
 
 use leadscrew::gcode::LineError;
 
@@ -6,21 +6,21 @@ use simulation::sender::Response;
 
 /// A line that was received.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Heard {
-    /// The step during which it came.
+pub(super) struct ReceivedLine {
+    /// The step during which the line came.
     pub(super) step: usize,
-    /// When it was complete, in the recording's time; recordings of single lines have none.
+    /// The end of the line, in the time of the recording; recordings of single lines have no times.
     pub(super) time_s: Option<f64>,
     pub(super) text: String,
 }
 
-impl Heard {
+impl ReceivedLine {
     /// Whether it is a status report.
     pub(super) fn is_report(&self) -> bool {
         self.text.starts_with('<')
     }
 
-    /// The part by which two lines are taken for the same: what comes before a list's values.
+    /// The part that identifies a line: the text before the values of a list.
     fn kind(&self) -> &str {
         let text = self.text.as_str();
         let is_list = text.starts_with('$') || (text.starts_with('[') && !text.starts_with("[MSG"));
@@ -30,8 +30,8 @@ impl Heard {
         }
     }
 
-    /// Whether it can be the other in another recording: without times, in the same step. What
-    /// comes without being asked may come in the step before.
+    /// Whether two lines of two recordings can be the same line: without times, in the same step. A line that no
+    /// request caused may come in the step before.
     fn is_like(&self, other: &Self) -> bool {
         let is_near = self.step == other.step
             || (self.step + 1 == other.step && !self.is_answer() && !other.is_report());
@@ -63,7 +63,7 @@ pub(super) enum Pair {
 }
 
 /// Aligns two sequences: as many equal texts as possible, and what remains in pairs.
-pub(super) fn align(ours: &[Heard], theirs: &[Heard]) -> Vec<Pair> {
+pub(super) fn align(ours: &[ReceivedLine], theirs: &[ReceivedLine]) -> Vec<Pair> {
     // Longest common subsequence, from the ends.
     let mut common = vec![vec![0_u32; theirs.len() + 1]; ours.len() + 1];
     for (i, our) in ours.iter().enumerate().rev() {
@@ -119,10 +119,10 @@ fn pair_up(
 mod tests {
     use super::*;
 
-    fn heard(text: &str) -> Vec<Heard> {
+    fn received(text: &str) -> Vec<ReceivedLine> {
         let words = text.split_whitespace();
         words
-            .map(|word| Heard {
+            .map(|word| ReceivedLine {
                 step: 0,
                 time_s: None,
                 text: word.into(),
@@ -131,7 +131,7 @@ mod tests {
     }
 
     fn aligned(ours: &str, theirs: &str) -> Vec<Pair> {
-        align(&heard(ours), &heard(theirs))
+        align(&received(ours), &received(theirs))
     }
 
     #[test]

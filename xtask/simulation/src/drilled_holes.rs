@@ -65,9 +65,9 @@ pub fn holes_of_line(
         Command::Line {
             target, feed_rate, ..
         } => {
-            let way = (from, target.position, *feed_rate);
+            let feed_move = (from, target.position, *feed_rate);
             from = target.position;
-            Some(way)
+            Some(feed_move)
         }
         _ => None,
     });

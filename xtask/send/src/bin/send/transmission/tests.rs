@@ -2,19 +2,19 @@
 
 use super::*;
 
-fn job(program: &[&str]) -> Job {
+fn job(program: &[&str]) -> Transmission {
     let lines: Vec<_> = program
         .iter()
         .map(|line| line.as_bytes().to_vec())
         .collect();
-    Job::new(&[], &lines, 0, false)
+    Transmission::new(&[], &lines, 0, false)
 }
 
-fn sent(job: &mut Job) -> String {
+fn sent(job: &mut Transmission) -> String {
     String::from_utf8_lossy(&job.take_output()).into_owned()
 }
 
-fn receive(job: &mut Job, lines: &[&str]) {
+fn receive(job: &mut Transmission, lines: &[&str]) {
     for line in lines {
         job.receive(line);
     }
@@ -26,7 +26,7 @@ const BRAKING: &str = "<Hold:1|MPos:0.000,0.000,0.000|FS:0,0>";
 const IDLE: &str = "<Idle|MPos:0.000,0.000,0.000|FS:0,0>";
 
 #[test]
-fn a_job_is_done_when_the_machine_is_at_rest_behind_its_last_line() {
+fn a_job_is_done_when_the_machine_is_at_rest_after_its_last_line() {
     let mut job = job(&["G0 X1", "G0 X2"]);
     assert_eq!(sent(&mut job), "G0 X1\nG0 X2\n");
     receive(&mut job, &["ok", IDLE, "ok", IDLE]);
@@ -69,14 +69,14 @@ fn a_refused_line_ends_the_job_with_a_reset_at_rest() {
 }
 
 #[test]
-fn a_refused_line_is_only_told_where_that_is_asked_for_but_never_one_of_the_approach() {
+fn a_refused_line_is_only_reported_where_that_is_asked_for_but_never_one_of_the_approach() {
     let lines = [b"G0 X1".to_vec(), b"G999".to_vec(), b"G0 X2".to_vec()];
-    let mut job = Job::new(&["G53 G0 Z0".into()], &lines, 1, true);
+    let mut job = Transmission::new(&["G53 G0 Z0".into()], &lines, 1, true);
     sent(&mut job);
     receive(&mut job, &["ok", "error:20"]);
     assert_eq!((&job.phase, job.answered()), (&Phase::Running, 2));
     assert!(job.take_notes()[0].starts_with("line 2 is refused"));
-    let mut job = Job::new(&["G53 G0 Z0".into()], &lines, 1, true);
+    let mut job = Transmission::new(&["G53 G0 Z0".into()], &lines, 1, true);
     sent(&mut job);
     receive(&mut job, &["error:9"]);
     assert!(matches!(&job.phase, Phase::Stopping(reason) if reason.starts_with("the approach")));
@@ -84,7 +84,7 @@ fn a_refused_line_is_only_told_where_that_is_asked_for_but_never_one_of_the_appr
 }
 
 #[test]
-fn answers_behind_a_reset_are_of_lines_that_were_not_carried_out() {
+fn answers_after_a_reset_are_of_lines_that_were_not_carried_out() {
     let mut job = job(&["G0 X1", "M5", "G0 X2"]);
     sent(&mut job);
     receive(&mut job, &["ok"]);
