@@ -17,7 +17,7 @@ SYST_CSR, NVIC_ISER, NVIC_ICER, NVIC_ISPR, NVIC_ICPR = 0xE000_E010, 0xE000_E100,
 ICSR, VTOR, AIRCR, IDCODE = 0xE000_ED04, 0xE000_ED08, 0xE000_ED0C, 0xE004_2000
 GPIO, GPIO_END = 0x4002_0000, 0x4002_2400
 # Registers of each port.
-MODER, IDR, ODR, BSRR = 0x00, 0x10, 0x14, 0x18
+MODER, OTYPER, IDR, ODR, BSRR = 0x00, 0x04, 0x10, 0x14, 0x18
 # The sender's port is one of these; true: its clock is that of APB2.
 USARTS = {0x4001_1000: True, 0x4001_1400: True, 0x4000_4400: False, 0x4000_4800: False}
 
@@ -232,11 +232,14 @@ class Chip:
         return bool(is_ticking or self.enabled & self.pending)
 
     def write_pins(self, port, word):
-        """BSRR. What is an output keeps its level up to the first task: one that changes has had the wrong one."""
+        """BSRR. What is an output keeps its level up to the first task: one that changes has had the wrong one.
+
+        Open drains are the wires of an EEPROM.
+        """
         before = self.get(port + ODR)
         after = before & ~(word >> 16) | word & 0xFFFF
-        modes = self.get(port + MODER)
-        changed = [pin for pin in range(16) if (before ^ after) >> pin & 1 and modes >> 2 * pin & 3 == 1]
+        modes, changing = self.get(port + MODER), (before ^ after) & ~self.get(port + OTYPER)
+        changed = [pin for pin in range(16) if changing >> pin & 1 and modes >> 2 * pin & 3 == 1]
         if changed:
             letter = chr(ord("A") + (port - GPIO) // 0x400)
             self.fault(f"outputs change their level: {', '.join(f'{letter}{pin}' for pin in changed)}")

@@ -86,6 +86,8 @@ class Faults(unittest.TestCase):
         self.assertEqual(start([*START, *PWM], pwm=TIMER), {})
         levels = [(GPIO + BSRR, 1 << 3 | 1 << 21), (GPIO + MODER, 1 << 6 | 1 << 10), (GPIO + BSRR, 1 << 3 | 1 << 4)]
         self.assertEqual(start([*START, *levels]), {})
+        wire = [(GPIO + OTYPER, 1 << 3), (GPIO + MODER, 1 << 6), (GPIO + BSRR, 1 << 3)]
+        self.assertEqual(start([*START, *wire]), {})
         undone = [(RCC_CR, 0x83 | HSEON | PLLON), (RCC_CFGR, 0), (RCC_CR, 0x83)]
         self.assertEqual(start([*undone, *START], dfu=True), {})
 
