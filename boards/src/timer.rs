@@ -75,7 +75,7 @@ impl PwmOutput {
     }
 
     /// Returns the address of the timer's registers: RM0090 2.3.
-    pub(crate) fn base(self) -> u32 {
+    pub fn base(self) -> u32 {
         match self.timer {
             1 => 0x4001_0000,
             8 => 0x4001_0400,

@@ -165,3 +165,33 @@ fn scale_axis(axes: &mut Axes<f32>, axis: u8, factor: f32) {
         *entry *= factor;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::axis::AXES;
+
+    #[test]
+    fn on_a_circle_in_space_speeds_have_the_direction_of_the_displacement() {
+        const STEP: u32 = 1 << 20;
+        let circle = SpatialArc {
+            cosine: [1 << 28, -(1 << 27), 1 << 26],
+            sine: [1 << 26, 1 << 28, 1 << 27],
+            shift: 8,
+            per_mm: 1.0,
+            reversals: [SpatialArc::NEVER; 3],
+        };
+        for phase in (0..24).map(|part| part * (u32::MAX / 24)) {
+            let [before, after] = [phase.wrapping_sub(STEP), phase.wrapping_add(STEP)]
+                .map(|phase| circle_displacement(&circle, Direction::at(phase)));
+            let moved: [f64; AXES] =
+                core::array::from_fn(|axis| (after[axis] - before[axis]) as f64);
+            let speeds = circle_speeds(&circle, Direction::at(phase), 1.0);
+            let speeds: [f64; AXES] = speeds.0.map(f64::from);
+            let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+            let cosine = product(&moved, &speeds)
+                / (product(&moved, &moved) * product(&speeds, &speeds)).sqrt();
+            assert!(cosine > 0.9999, "{phase:#x}: {moved:?}, {speeds:?}");
+        }
+    }
+}

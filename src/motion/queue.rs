@@ -30,7 +30,7 @@ pub struct QueuedBlock {
 
 impl QueuedBlock {
     /// A free entry: nothing reads it, here or in [`Motion::without_blocks`](super::Motion::without_blocks).
-    const NONE: Self = Self {
+    pub(super) const NONE: Self = Self {
         block: Block {
             delta: Axes([0; AXES]),
             steps_per_mm: Axes([0.0; AXES]),

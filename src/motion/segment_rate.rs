@@ -153,3 +153,34 @@ pub(super) fn limit_block_rate(block: &Block, speed_mm_s: f32) -> f32 {
         speed_mm_s
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::queue::QueuedBlock;
+
+    #[test]
+    fn lines_that_use_slack_leave_none() {
+        let speed_mm_s = 100.0;
+        for part in [0.01, 0.1, 0.5, 0.9] {
+            let block = Block {
+                length_mm: part * MEAN_SEGMENT_S * speed_mm_s,
+                limit_mm_s: speed_mm_s,
+                nominal_mm_s: speed_mm_s,
+                ..QueuedBlock::NONE.block
+            };
+            let begun_s = 0.3e-3;
+            let (mut slack_s, mut passed_s) = (begun_s, 0.0);
+            for lines in 1..=20 {
+                let limited = limit_segment_rate(&block, speed_mm_s, f32::MAX, slack_s);
+                slack_s = limited.1;
+                passed_s += block.length_mm / limited.0;
+                let least_s = lines as f32 * MEAN_SEGMENT_S - begun_s;
+                assert!(
+                    passed_s >= 0.999 * least_s,
+                    "{part}: {lines} lines in {passed_s} s"
+                );
+            }
+        }
+    }
+}

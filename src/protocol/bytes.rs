@@ -449,14 +449,15 @@ mod tests {
     fn bytes_that_are_kept_stay_while_those_behind_them_are_taken() {
         /// Where a line ends.
         const END: usize = 12;
-        let byte = |number: usize| {
-            if number == END {
-                b'\n'
-            } else {
-                b'a' + number as u8
-            }
-        };
         for begin in 0..16 {
+            let line_end = if begin % 2 == 0 { b'\n' } else { b'\r' };
+            let byte = |number: usize| {
+                if number == END {
+                    line_end
+                } else {
+                    b'a' + number as u8
+                }
+            };
             for kept in 0..=15 {
                 let mut ring = Bytes::<16>::new();
                 let (mut writer, mut reader) = ring.split();
@@ -476,7 +477,7 @@ mod tests {
                 let mut behind = std::vec::Vec::new();
                 reader.take_behind(kept, |byte| {
                     behind.push(byte);
-                    byte == b'\n'
+                    byte == line_end
                 });
                 let end = if kept <= END { END + 1 } else { 15 };
                 let expected = |numbers: core::ops::Range<usize>| numbers.map(byte);

@@ -465,6 +465,7 @@ mod tests {
             ("N3 T0*", Refuse(Checksum)),
             ("N3 T0*5 7", Refuse(Checksum)),
             ("N3 T0*57*57", Refuse(Checksum)),
+            ("N3 T0*57*17", Refuse(Checksum)),
             ("N3 T0", Refuse(MissingChecksum)),
             ("N3 T0;*57", Refuse(MissingChecksum)),
             ("N3 T0\"*57", Refuse(MissingChecksum)),

@@ -391,4 +391,31 @@ mod tests {
             assert!(!text.contains("ok") && !text.contains("error"), "{text}");
         }
     }
+
+    #[test]
+    fn each_input_has_its_letter_in_the_order_of_grbl() {
+        let all = [
+            (Levels::PROBE, "P"),
+            (Levels(1), "X"),
+            (Levels(2), "Y"),
+            (Levels(4), "Z"),
+            (Levels::DOOR, "D"),
+            (Levels::RESET, "R"),
+            (Levels::HOLD, "H"),
+            (Levels::START, "S"),
+        ];
+        let shown = |inputs| {
+            let mut text = Text::new();
+            pins(&mut text, inputs);
+            std::string::String::from_utf8_lossy(text.as_bytes()).into_owned()
+        };
+        for (input, letter) in all {
+            assert_eq!(shown(input), std::format!("|Pn:{letter}"));
+        }
+        let closed = all
+            .iter()
+            .fold(Levels::NONE, |closed, (input, _)| closed | *input);
+        assert_eq!(shown(closed), "|Pn:PXYZDRHS");
+        assert_eq!(shown(Levels::NONE), "");
+    }
 }

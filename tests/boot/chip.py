@@ -16,6 +16,8 @@ TIM11_CR1, TIM11_CCER, TIM11_CCR1, TIM11_OR = 0x4001_4800, 0x4001_4820, 0x4001_4
 SYST_CSR, NVIC_ISER, NVIC_ICER, NVIC_ISPR, NVIC_ICPR = 0xE000_E010, 0xE000_E100, 0xE000_E180, 0xE000_E200, 0xE000_E280
 ICSR, VTOR, AIRCR, IDCODE = 0xE000_ED04, 0xE000_ED08, 0xE000_ED0C, 0xE004_2000
 GPIO, GPIO_END = 0x4002_0000, 0x4002_2400
+# Registers of each port.
+MODER, OTYPER, IDR, ODR, BSRR = 0x00, 0x04, 0x10, 0x14, 0x18
 # The sender's port is one of these; true: its clock is that of APB2.
 USARTS = {0x4001_1000: True, 0x4001_1400: True, 0x4000_4400: False, 0x4000_4800: False}
 
@@ -29,6 +31,8 @@ DOG_START, DOG_UNLOCK, DOG_FEED = 0xCCCC, 0x5555, 0xAAAA
 LSI_KHZ, UNFED_MS = 47, 100
 # Reads of the status up to the end of a change of the watchdog's registers.
 CHANGE_READS = 20
+# Of the timer of the PWM.
+TIM_CR1, TIM_CCER, TIM_PSC, TIM_ARR, TIM_CCR1 = 0x00, 0x20, 0x28, 0x2C, 0x34
 # Sectors of all parts begin so, KiB; as many of them as the part has.
 SECTORS_KIB = [0, 16, 32, 48, 64] + [128 * number for number in range(1, 16)]
 
@@ -227,6 +231,20 @@ class Chip:
         is_ticking = self.get(SYST_CSR) & 3 == 3 or self.get(ICSR) & (PENDSTSET | PENDSVSET)
         return bool(is_ticking or self.enabled & self.pending)
 
+    def write_pins(self, port, word):
+        """BSRR. What is an output keeps its level up to the first task: one that changes has had the wrong one.
+
+        Open drains are the wires of an EEPROM.
+        """
+        before = self.get(port + ODR)
+        after = before & ~(word >> 16) | word & 0xFFFF
+        modes, changing = self.get(port + MODER), (before ^ after) & ~self.get(port + OTYPER)
+        changed = [pin for pin in range(16) if changing >> pin & 1 and modes >> 2 * pin & 3 == 1]
+        if changed:
+            letter = chr(ord("A") + (port - GPIO) // 0x400)
+            self.fault(f"outputs change their level: {', '.join(f'{letter}{pin}' for pin in changed)}")
+        self.words[port + ODR] = after
+
     def send(self, byte):
         """A byte to the sender. One that refuses to start says so for ever: once is enough."""
         self.sent += bytes([byte])
@@ -254,7 +272,7 @@ class Chip:
         if NVIC_ISER <= address < NVIC_ICPR + 0x20:
             bits = self.enabled if address < NVIC_ISPR else self.pending
             return bits >> 8 * (address & 0x1C) & 0xFFFF_FFFF
-        if GPIO <= address < GPIO_END and address & 0x3FF == 0x10:
+        if GPIO <= address < GPIO_END and address & 0x3FF == IDR:
             # Nothing pulls a pin low.
             return 0xFFFF
         if address in USARTS:
@@ -270,6 +288,8 @@ class Chip:
         mask = ((1 << 8 * size) - 1) << shift
         if word - 4 in USARTS:
             return self.send(value & 0xFF)
+        if GPIO <= word < GPIO_END and word & 0x3FF == BSRR:
+            return self.write_pins(word - BSRR, value << shift)
         value = self.get(word) & ~mask | value << shift & mask
         if word == TIM11_SR:
             # A zero clears.

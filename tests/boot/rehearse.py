@@ -18,6 +18,8 @@ from chip import *
 TIMEOUT_US = 100_000_000
 WFE = b"\x20\xbf"
 BAUD = 115_200
+# Periods of the PWM in a second, about: the nearest that a whole prescaler gives.
+PWM_HZ = 5147
 
 
 def arguments():
@@ -28,6 +30,7 @@ def arguments():
     parser.add_argument("elf")
     for name in ("program", "flash-kib", "ram-kib", "crystal-mhz", "core-mhz", "chip", "interrupts"):
         parser.add_argument(f"--{name}", type=number, required=True)
+    parser.add_argument("--pwm", type=number, help="the timer of the PWM, by its address")
     parser.add_argument("--hse", type=float, help="the crystal that is there, MHz; 0: none")
     parser.add_argument("--stand-ins", type=number, nargs="*", default=[], help="interrupts for the emulator alone")
     parser.add_argument("--uses-c13", action="store_true", help="a pin of PC13 to PC15 is used")
@@ -172,8 +175,10 @@ def judge(chip, vectors):
         chip.fault(f"the core runs at {chip.core_mhz():g} MHz instead of {expected}")
     ports = [usart for usart in USARTS if chip.get(usart + 12) >> 13 & 1]
     baud = [chip.bus_mhz(USARTS[usart]) * 1e6 / max(chip.get(usart + 8), 1) for usart in ports]
-    if len(ports) != 1 or abs(baud[0] / BAUD - 1) > 0.02:
+    if len(ports) != 1 or abs(baud[0] / BAUD - 1) > 0.005:
         chip.fault(f"the sender's port has {[round(one) for one in baud]} baud instead of {BAUD}")
+    if board.pwm and expected == board.core_mhz:
+        judge_pwm(chip, board.pwm)
     default = Counter(vectors).most_common(1)[0][0]
     own = {number for number, vector in enumerate(vectors) if vector not in (0, default)}
     enabled = {number for number in range(board.interrupts) if chip.enabled >> number & 1}
@@ -194,6 +199,21 @@ def judge(chip, vectors):
         chip.fault(f"the watchdog waits {chip.watchdog_ms():.0f} ms at least")
     if board.uses_c13 and chip.get(RCC_BDCR) & LSEON:
         chip.fault("LSEON is set: PC14 and PC15 are the oscillator's")
+
+
+def judge_pwm(chip, timer):
+    """The PWM runs with its frequency, and is off."""
+    is_apb2 = timer >= 0x4001_0000
+    bus_mhz = chip.bus_mhz(is_apb2)
+    # Where the clock of the bus is divided, its timers have twice that.
+    timer_mhz = bus_mhz if bus_mhz == chip.core_mhz() else 2 * bus_mhz
+    hz = timer_mhz * 1e6 / (chip.get(timer + TIM_PSC) + 1) / (chip.get(timer + TIM_ARR) + 1)
+    if abs(hz / PWM_HZ - 1) > 0.03:
+        chip.fault(f"the PWM has {hz:.0f} Hz instead of about {PWM_HZ}")
+    if not chip.get(timer + TIM_CR1) & 1 or not chip.get(timer + TIM_CCER):
+        chip.fault("the timer of the PWM does not run")
+    if any(chip.get(timer + TIM_CCR1 + 4 * channel) for channel in range(4)):
+        chip.fault("the PWM is on")
 
 
 def main():

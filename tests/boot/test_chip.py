@@ -38,7 +38,7 @@ class Memory:
 
 
 def chip(**facts):
-    board = argparse.Namespace(**(STATES | LAYOUT | CLOCKS | {"stand_ins": [], "uses_c13": True} | facts))
+    board = argparse.Namespace(**(STATES | LAYOUT | CLOCKS | {"stand_ins": [], "uses_c13": True, "pwm": None} | facts))
     chip = Chip(board, Memory(), [(FLASH, PROGRAM), (PROGRAM, PROGRAM + 0x4000)])
     leave_state(chip, board)
     return chip
@@ -50,6 +50,9 @@ FAST = [(RCC_PLLCFGR, PLL), (FLASH_ACR, 5), (RCC_CR, 0x83 | HSEON | PLLON), (RCC
 TASKS, PORT = (NVIC_ISER, 1 << 10), [(0x4001_1008, 84_000_000 // 115_200), (0x4001_100C, 1 << 13)]
 PERIOD = [(IWDG_KR, DOG_UNLOCK), (IWDG_PR, 0), (IWDG_RLR, 1175)]
 START = [VECTOR_TABLE, TASKS, WATCHDOG, *PERIOD, CRYSTAL, *FAST, *PORT]
+# TIM12, of 84 MHz.
+TIMER = 0x4000_1800
+PWM = [(TIMER + TIM_PSC, 15), (TIMER + TIM_ARR, 1019), (TIMER + TIM_CCER, 1 << 4), (TIMER + TIM_CR1, 1)]
 UNLOCK = [(FLASH_KEYR, key) for key in KEYS]
 NO_LSE = [(PWR_CR, DBP), (RCC_BDCR, 0)]
 
@@ -79,6 +82,12 @@ class Faults(unittest.TestCase):
         self.assertEqual(start([*quiet, *START], systick=True, irqs=True), {})
         slow = [VECTOR_TABLE, TASKS, WATCHDOG, *PERIOD, (0x4001_1008, 139), PORT[1]]
         self.assertEqual(start(slow, hse=0), {})
+        self.assertEqual(start(slow, hse=0, pwm=TIMER), {})
+        self.assertEqual(start([*START, *PWM], pwm=TIMER), {})
+        levels = [(GPIO + BSRR, 1 << 3 | 1 << 21), (GPIO + MODER, 1 << 6 | 1 << 10), (GPIO + BSRR, 1 << 3 | 1 << 4)]
+        self.assertEqual(start([*START, *levels]), {})
+        wire = [(GPIO + OTYPER, 1 << 3), (GPIO + MODER, 1 << 6), (GPIO + BSRR, 1 << 3)]
+        self.assertEqual(start([*START, *wire]), {})
         undone = [(RCC_CR, 0x83 | HSEON | PLLON), (RCC_CFGR, 0), (RCC_CR, 0x83)]
         self.assertEqual(start([*undone, *START], dfu=True), {})
 
@@ -103,6 +112,11 @@ class Faults(unittest.TestCase):
             ("the core runs at 60 MHz instead of 168", START, {"dfu": True}),
             ("the sender's port has [] baud", without(PORT[1]), {}),
             ("the sender's port has [41", START, {"dfu": True}),
+            ("the sender's port has [116667]", [*START, (0x4001_1008, 45 << 4)], {}),
+            ("the timer of the PWM does not run", [*START, *PWM[:3]], {"pwm": TIMER}),
+            ("the PWM has 4844 Hz", [*START, *PWM, (TIMER + TIM_PSC, 16)], {"pwm": TIMER}),
+            ("the PWM is on", [*START, *PWM, (TIMER + TIM_CCR1 + 4, 1)], {"pwm": TIMER}),
+            ("their level: B3", [*START, (GPIO + 0x400 + MODER, 1 << 6), (GPIO + 0x400 + BSRR, 1 << 3)], {}),
             ("the PLL is asked for 252 MHz", START, {"hse": 12}),
             ("the core runs at 252 MHz instead of 16", START, {"hse": 12}),
             ("too few wait states", without(FAST[1]), {}),

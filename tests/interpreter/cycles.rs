@@ -194,6 +194,22 @@ fn a_line_repeats_its_hole_by_increments() {
 }
 
 #[test]
+fn each_hole_of_a_line_is_pecked() {
+    for cycle in ["G83", "G73"] {
+        let depths = |holes: usize| -> Vec<_> {
+            let line = format!("{cycle}X5Z-5R-8Q2L{holes}");
+            let feeds = drilled_from_start(&["G91", &line]).into_iter();
+            let feeds = feeds.filter(|step| step.starts_with('F'));
+            feeds
+                .map(|step| step[step.find('Z').unwrap()..].to_owned())
+                .collect()
+        };
+        assert_eq!(depths(1), ["Z0", "Z-2", "Z-3"], "{cycle}");
+        assert_eq!(depths(3).concat(), depths(1).concat().repeat(3), "{cycle}");
+    }
+}
+
+#[test]
 fn every_plane_has_its_depth() {
     assert_eq!(
         drilled(&["F100", "G18", "G0X1Y10Z3", "G99G81X5Z6Y-4R2"]),

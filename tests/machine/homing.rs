@@ -224,17 +224,22 @@ fn a_switch_that_is_not_there_is_alarm_9() {
 
 #[test]
 fn a_switch_that_stays_closed_is_alarm_8() {
-    let settings = machine();
-    let mut cell = Cell::new(&settings);
-    mount(&mut cell, &settings, [1600, 1200, 800]);
-    cell.send(Work::Home(1 << X));
-    cell.run_until(|cell| cell.snapshot().inputs.has(Levels::LIMITS));
-    cell.set_pin(Levels::limits(1 << X), true);
-    cell.run_to_end();
-    assert_eq!(cell.state(), State::Alarm);
-    assert_eq!(cell.alarms(), [Alarm::HomingPullOff]);
-    assert_eq!(cell.snapshot().steps, cell.physical());
-    assert_eq!(cell.physical()[X], 1520);
+    // Behind the search, and behind the approach that follows it.
+    for closings in [&[true][..], &[true, false, true]] {
+        let settings = machine();
+        let mut cell = Cell::new(&settings);
+        mount(&mut cell, &settings, [1600, 1200, 800]);
+        cell.send(Work::Home(1 << X));
+        for is_closed in closings {
+            cell.run_until(|cell| cell.snapshot().inputs.has(Levels::LIMITS) == *is_closed);
+        }
+        cell.set_pin(Levels::limits(1 << X), true);
+        cell.run_to_end();
+        assert_eq!(cell.state(), State::Alarm);
+        assert_eq!(cell.alarms(), [Alarm::HomingPullOff]);
+        assert_eq!(cell.snapshot().steps, cell.physical());
+        assert_eq!(cell.physical()[X], 1520);
+    }
 }
 
 #[test]

@@ -90,6 +90,26 @@ fn a_feed_override_acts_within_the_limit_of_the_axes() {
 }
 
 #[test]
+fn a_feed_override_acts_on_lines_as_short_as_a_segment() {
+    let settings = fast();
+    let lines: Vec<_> = { 1..=600 }
+        .map(|tenth| line(&[0.1 * f64::from(tenth)], 4000.0))
+        .collect();
+    let mut rig = Rig::new(&settings);
+    rig.run(&lines, &[0x92; 9].map(|byte| (300 * MS, byte)));
+    let steps = rig.trace.steps(0);
+    // 4000 mm/min at 80 steps/mm; and a tenth of that, 0.2 s behind the override.
+    for (second, expected_hz) in [(0.28, 5333.0), (0.5, 533.3), (2.0, 533.3)] {
+        let first = steps.partition_point(|step| step.seconds < second);
+        let hz = 50.0 / (steps[first + 50].seconds - steps[first].seconds);
+        assert!(
+            (hz / expected_hz - 1.0).abs() < 0.03,
+            "{hz} Hz at {second} s"
+        );
+    }
+}
+
+#[test]
 fn a_jog_has_no_feed_override() {
     let mut rig = moving(&fast(), &jog(&[100.0], 1000.0));
     rig.receive(0x91);

@@ -28,6 +28,24 @@ fn hold_and_start_together_hold() {
 }
 
 #[test]
+fn hold_and_start_at_the_same_time_leave_a_held_machine_held() {
+    let mut rig = moving(&fast(), &line(&[50.0], 3000.0));
+    rig.run_to(200 * MS);
+    rig.receive(b'!');
+    rig.run_to_rest();
+    for bytes in [[b'!', b'~'], [b'~', b'!']] {
+        for byte in bytes {
+            receive(&mut rig.drive, &rig.requests, byte);
+        }
+        rig.prepare();
+        assert_eq!(state(&rig), State::HoldComplete);
+    }
+    rig.receive(b'~');
+    rig.run_to_rest();
+    assert_eq!(rig.snapshot().steps[0], 4000);
+}
+
+#[test]
 fn a_hold_stops_a_dwell_where_it_is() {
     let mut rig = Rig::new(&fast());
     send(&mut rig, Work::Dwell(500));

@@ -128,7 +128,8 @@ struct Outcome {
     result: Result<Verdict>,
 }
 
-/// Makes the checks whose names contain a text, some of them at the same time, or lists them.
+/// Makes the checks whose names contain a text, or the one that has it as its name, some of them at the same time, or
+/// lists them.
 pub fn run(
     mut checks: Vec<Check>,
     only: Option<&str>,
@@ -136,7 +137,8 @@ pub fn run(
     at_once: usize,
 ) -> Result<ExitCode> {
     if let Some(part) = only {
-        checks.retain(|check| check.name.contains(part));
+        let is_whole = checks.iter().any(|check| check.name == part);
+        checks.retain(|check| check.name == part || !is_whole && check.name.contains(part));
         if checks.is_empty() {
             bail!("no check is called {part:?}: see `cargo xtask test --list`");
         }
@@ -251,5 +253,8 @@ mod tests {
         );
         assert_eq!(report(&outcomes), ExitCode::FAILURE);
         assert!(run(vec![check("a", true)], Some("b"), false, 1).is_err());
+        let both = || vec![check("ab", false), check("a", true)];
+        assert_eq!(run(both(), Some("a"), false, 1).unwrap(), ExitCode::SUCCESS);
+        assert_eq!(run(both(), Some("b"), false, 1).unwrap(), ExitCode::FAILURE);
     }
 }

@@ -183,6 +183,7 @@ impl Verb {
             Self::Settings(_) => tools::SETTINGS,
             Self::Sim(_) => tools::SIM,
             Self::Test(options) if options.clients => tools::CLIENTS,
+            Self::Test(options) if options.faults.is_some() => tools::SOAK,
             Self::Test(_) => return None,
             Self::View(_) => tools::VIEW,
             Self::Web(_) => tools::WEB,

@@ -116,6 +116,10 @@ fn quick() -> Vec<Check> {
         Check::new("the proof that the documents show", || {
             check::by(tools::SCHEDULE, ["--check"], 3)
         }),
+        // The proof has just compiled it.
+        Check::new("what is flashed starts", || {
+            check::by(tools::FIRMWARE, ["start", SHOWN], 3)
+        }),
         emulated(
             tools::FIRMWARE,
             "firmware over its serial line",

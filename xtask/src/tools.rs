@@ -176,7 +176,7 @@ pub const WEB: Tool = Tool::new(
     "about a minute",
 )
 .of_pages();
-/// `cargo xtask soak` and `fuzz`: an overflow ends them.
+/// `cargo xtask soak`, `fuzz` and `test --faults`: an overflow ends them.
 pub const SOAK: Tool = Tool {
     profile: "checked",
     has_commands: true,

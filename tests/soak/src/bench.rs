@@ -36,6 +36,8 @@ const BYTE_TICKS: u64 = SECOND * 10 / 115_200;
 const OPERATOR_LINES: u8 = 0xa3;
 /// Alarms that leave spindle and coolant on, as in Grbl.
 const PROBE_ALARMS: [&str; 2] = ["ALARM:4", "ALARM:5"];
+/// The alarm of a move out of the travel.
+const SOFT_LIMIT: &str = "ALARM:2";
 /// From a `?` to the first byte of its report: 5 ms, and what waits to be sent before it, with a message for which the
 /// queue has no room yet.
 const PROMPT_TICKS: u64 = 5 * MILLISECOND + (SENT_RING + MESSAGE_BYTES) as u64 * BYTE_TICKS;
@@ -86,6 +88,8 @@ pub(crate) enum Fault {
     AnswerGarbled,
     /// A second motor that loses a step.
     SecondStepLost,
+    /// Every line is taken for a jog.
+    AllAreJogs,
 }
 
 /// What is on its way to the machine.
@@ -118,6 +122,9 @@ pub(crate) struct Bench {
     lossy_lines: BTreeSet<u64>,
     has_lost: bool,
     lost: u32,
+    /// The lines among them that are jogs, and whether the one that is coming is.
+    jogs: BTreeSet<u64>,
+    is_jog: bool,
     resets: u32,
     /// Welcomes that may still be on their way, and answers from before each. Two resets may have one.
     welcomes: u32,
@@ -177,6 +184,8 @@ impl Bench {
             lossy_lines: BTreeSet::new(),
             has_lost: false,
             lost: 0,
+            jogs: BTreeSet::new(),
+            is_jog: false,
             resets: 0,
             welcomes: 1,
             silent_at: SECOND,
@@ -624,12 +633,16 @@ impl Bench {
                 if take(&mut self.has_lost) {
                     self.lossy_lines.insert(self.received_lines);
                 }
+                if take(&mut self.is_jog) || self.fault == Some(Fault::AllAreJogs) {
+                    self.jogs.insert(self.received_lines);
+                }
             }
             b'$' => self.is_statement = true,
             // `G28`, which homes for a host.
             b'8' => self.may_have_homed |= self.setup.is_reprap,
             OPERATOR_LINES => self.has_operator_lines = true,
             b'h' | b'H' => self.may_have_homed |= self.is_statement,
+            b'j' | b'J' => self.is_jog |= self.is_statement,
             _ => {}
         }
         self.simulator.receive(byte);
@@ -648,16 +661,18 @@ impl Bench {
             self.resets = resets;
             self.silent_at = self.simulator.now() + SECOND;
             self.received_lines = 0;
-            self.forget_losses();
+            self.forget_lines();
             self.asked = None;
         }
     }
 
-    /// The lines that have lost bytes are dropped.
-    fn forget_losses(&mut self) {
+    /// The lines that wait are dropped.
+    fn forget_lines(&mut self) {
         self.lossy_lines.clear();
         self.has_operator_lines = false;
         self.has_lost = false;
+        self.jogs.clear();
+        self.is_jog = false;
     }
 
     /// Something may have been stored.
@@ -745,6 +760,7 @@ impl Bench {
             self.reports.restart();
             self.is_alarm_of_probe = false;
         } else if line.contains("ALARM:") {
+            self.check_alarm(line);
             self.is_alarm_of_probe = PROBE_ALARMS.iter().any(|alarm| line.contains(alarm));
         } else if line.starts_with('<') {
             let is_unreported =
@@ -759,6 +775,16 @@ impl Bench {
         } else if line.starts_with("[PRB:") {
             self.reports.check_probe(line, !self.may_have_homed);
         }
+    }
+
+    /// A jog out of the travel is refused: no jog is an alarm of soft limits.
+    fn check_alarm(&self, line: &str) {
+        let is_known = self.welcomes == 0 && !self.has_operator_lines && !self.setup.is_reprap;
+        let number = self.answers + 1;
+        assert!(
+            line != SOFT_LIMIT || !is_known || !self.jogs.contains(&number),
+            "a jog is an alarm: {line}"
+        );
     }
 
     fn check_answers(&self) {

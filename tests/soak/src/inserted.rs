@@ -1,19 +1,21 @@
-//! `cargo xtask soak --faults`: faults of the firmware, inserted into a copy of the sources, which a soak of a minute
-//! has to find.
+//! Faults that are inserted into a copy of the sources, one at a time, and who finds them: `cargo xtask soak --faults`
+//! and `cargo xtask test --faults`.
+
+mod by_checks;
+mod by_soak;
+mod page;
 
 use std::{
     fs,
-    path::Path,
-    process::{Command, ExitCode, Stdio},
-    time::Instant,
+    path::PathBuf,
+    process::{Command, ExitStatus},
 };
 
-use anyhow::{Context, Result, ensure};
-use common::{cargo, ui};
+use anyhow::{Context, Result, bail, ensure};
+use common::cargo;
 use serde::Deserialize;
 
-/// The table of faults.
-const TABLE: &str = "tests/soak_faults.toml";
+pub(crate) use self::{by_checks::run as by_checks, by_soak::run as by_soak};
 
 #[derive(Debug, Deserialize)]
 struct Table {
@@ -43,72 +45,90 @@ impl Fault {
     }
 }
 
-fn faults(root: &Path) -> Result<Vec<Fault>> {
-    let text =
-        fs::read_to_string(root.join(TABLE)).with_context(|| format!("cannot read {TABLE}"))?;
-    Ok(toml::from_str::<Table>(&text)?.fault)
+/// Reads a table of faults.
+fn faults(table: &str) -> Result<Vec<Fault>> {
+    let text = fs::read_to_string(cargo::root().join(table))
+        .with_context(|| format!("cannot read {table}"))?;
+    let table: Table = toml::from_str(&text).with_context(|| format!("cannot read {table}"))?;
+    Ok(table.fault)
 }
 
-/// Looks for each fault.
-pub(crate) fn run(seed: u64, seconds: u64) -> Result<ExitCode> {
-    let root = cargo::root();
-    let copy = root.join("target/inserted/sources");
-    let mut missed = Vec::new();
-    for fault in faults(root)? {
-        copy_sources(root, &copy)?;
-        let file = copy.join(&fault.file);
+/// A copy of the sources, with a target folder of its own, in which the next fault is compiled from what the last one
+/// has left.
+struct Sources {
+    folder: PathBuf,
+    target: PathBuf,
+}
+
+impl Sources {
+    fn new() -> Self {
+        let target = cargo::root().join("target/inserted");
+        Self {
+            folder: target.join("sources"),
+            target,
+        }
+    }
+
+    /// Copies what Git does not ignore. A file that is the same keeps its time, so that it is not compiled again. The copy lies
+    /// in the project, whose own configuration Cargo reads as well: arguments of the linker would come twice.
+    fn restore(&self) -> Result<()> {
+        let root = cargo::root();
+        let listed = Command::new("git")
+            .args(["ls-files", "--cached", "--others", "--exclude-standard"])
+            .current_dir(root)
+            .output()?;
+        ensure!(
+            listed.status.success(),
+            "the sources are not in a repository of Git"
+        );
+        let names = String::from_utf8(listed.stdout)?;
+        for name in names.lines().filter(|name| !name.starts_with(".cargo/")) {
+            let (from, to) = (root.join(name), self.folder.join(name));
+            let Ok(contents) = fs::read(&from) else {
+                continue;
+            };
+            if fs::read(&to).is_ok_and(|old| old == contents) {
+                continue;
+            }
+            fs::create_dir_all(to.parent().unwrap_or(&self.folder))?;
+            fs::write(to, contents)?;
+        }
+        Ok(())
+    }
+
+    /// Makes the copy that of one fault.
+    fn insert(&self, fault: &Fault) -> Result<()> {
+        self.restore()?;
+        let file = self.folder.join(&fault.file);
         fs::write(&file, fault.insert(&fs::read_to_string(&file)?)?)?;
-        let mut build = cargo::cargo(&["build", "--profile", "checked", "-p", "soak"]);
-        build
-            .current_dir(&copy)
-            .env("CARGO_TARGET_DIR", root.join("target/inserted"));
-        let built = build.status()?;
-        ensure!(built.success(), "{}: does not compile", fault.name);
-        let start = Instant::now();
-        let soak = Command::new(root.join("target/inserted/checked/soak"))
-            .args([
-                "--seed",
-                &seed.to_string(),
-                "--seconds",
-                &seconds.to_string(),
-            ])
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .status()?;
-        let elapsed = start.elapsed().as_secs_f32();
-        if soak.success() {
-            ui::status("Missed", &fault.name);
-            missed.push(fault.name);
-        } else {
-            ui::status("Found", &format!("{}, in {elapsed:.1} s", fault.name));
-        }
+        Ok(())
     }
-    ensure!(missed.is_empty(), "not found: {}", missed.join(", "));
-    Ok(ExitCode::SUCCESS)
+
+    /// A Cargo command in the copy.
+    fn cargo(&self, arguments: &[&str]) -> Command {
+        let mut command = cargo::cargo(arguments);
+        command
+            .current_dir(&self.folder)
+            .env("CARGO_TARGET_DIR", &self.target);
+        command
+    }
+
+    /// Compiles the copy: a fault that the compiler finds is none.
+    fn build(&self, arguments: &[&str]) -> Result<()> {
+        let built = self.cargo(arguments).status()?;
+        ensure!(built.success(), "`cargo {}` fails", arguments.join(" "));
+        Ok(())
+    }
 }
 
-/// Copies what Git knows of. A file that is the same keeps its time, so that it is not compiled again.
-fn copy_sources(root: &Path, copy: &Path) -> Result<()> {
-    let listed = Command::new("git")
-        .arg("ls-files")
-        .current_dir(root)
-        .output()?;
-    ensure!(
-        listed.status.success(),
-        "the sources are not in a repository of Git"
-    );
-    for name in String::from_utf8(listed.stdout)?.lines() {
-        let (from, to) = (root.join(name), copy.join(name));
-        let Ok(contents) = fs::read(&from) else {
-            continue;
-        };
-        if fs::read(&to).is_ok_and(|old| old == contents) {
-            continue;
-        }
-        fs::create_dir_all(to.parent().unwrap_or(copy))?;
-        fs::write(to, contents)?;
+/// Whether a tool has found a fault by its exit status. Anything but success and failure is neither: options that do not
+/// exist, a panic, a signal.
+fn is_found(status: ExitStatus) -> Result<bool> {
+    match status.code() {
+        Some(0) => Ok(false),
+        Some(1) => Ok(true),
+        _ => bail!("what looks for faults has failed itself ({status})"),
     }
-    Ok(())
 }
 
 #[cfg(test)]
@@ -117,13 +137,27 @@ mod tests {
 
     #[test]
     fn every_fault_has_one_place_in_the_sources() {
-        let root = cargo::root();
-        let faults = faults(root).unwrap();
-        assert!(faults.len() >= 7, "{faults:?}");
-        for fault in &faults {
-            let source = fs::read_to_string(root.join(&fault.file)).unwrap();
-            assert_ne!(fault.insert(&source).unwrap(), source, "{}", fault.name);
-            assert!(fault.insert("").is_err(), "{}", fault.name);
+        for (table, least) in [(by_soak::TABLE, 7), (by_checks::TABLE, 40)] {
+            let faults = faults(table).unwrap();
+            assert!(faults.len() >= least, "{table}");
+            for fault in &faults {
+                let source = fs::read_to_string(cargo::root().join(&fault.file)).unwrap();
+                assert_ne!(fault.insert(&source).unwrap(), source, "{}", fault.name);
+                assert!(fault.insert("").is_err(), "{}", fault.name);
+            }
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn only_a_failure_is_a_fault_that_is_found() {
+        use std::os::unix::process::ExitStatusExt as _;
+        // As `wait` gives them: the status in the second byte, a signal in the first.
+        let of = |raw| is_found(ExitStatus::from_raw(raw)).ok();
+        assert_eq!(of(0), Some(false));
+        assert_eq!(of(1 << 8), Some(true));
+        for other in [2 << 8, 101 << 8, 9] {
+            assert_eq!(of(other), None);
         }
     }
 }

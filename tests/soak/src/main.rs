@@ -1,5 +1,5 @@
 //! `cargo xtask soak`: random histories for the virtual machine, and rules that hold in each. `cargo xtask fuzz`:
-//! random inputs.
+//! random inputs. `cargo xtask test --faults`: who finds inserted faults.
 
 mod action;
 mod answers;
@@ -21,7 +21,7 @@ mod setup;
 use std::{process::ExitCode, time::Duration};
 
 use anyhow::{Result, bail, ensure};
-use common::options::{self, Soak as Options, Verb};
+use common::options::{self, Soak as Options, Test, Verb};
 use common::ui;
 use indicatif::{HumanCount, ProgressBar};
 use simulation::proven;
@@ -33,6 +33,11 @@ fn main() -> ExitCode {
     common::main(|| match options::read() {
         Verb::Soak(options) => run(&options),
         Verb::Fuzz(options) => fuzz::run(&options),
+        Verb::Test(Test {
+            faults: Some(name),
+            write,
+            ..
+        }) => inserted::by_checks(&name, write),
         other => other.refuse(),
     })
 }
@@ -47,7 +52,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         return run_day(options.seed);
     }
     if options.faults {
-        return inserted::run(options.seed, options.seconds);
+        return inserted::by_soak(options.seed, options.seconds);
     }
     let until = match (options.machine_hours, options.histories) {
         (Some(hours), _) => Until::MachineHours(hours),

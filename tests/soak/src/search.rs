@@ -194,6 +194,7 @@ mod tests {
             (Fault::ProbeMoved, "but the probe has changed at", 4),
             (Fault::AnswerGarbled, "an unknown line", 2),
             (Fault::SecondStepLost, "second motors", 2),
+            (Fault::AllAreJogs, "a jog is an alarm", 2),
         ] {
             let broken = search(1, Until::Histories(300), STEP_RATE, Some(fault), |_| {});
             let broken = broken.expect_err(&format!("{fault:?} is not found"));

@@ -181,6 +181,10 @@ fn facts(board: &Board, interrupts: u32) -> Result<Vec<String>> {
     if uses_backup_domain(board) {
         facts.push("--uses-c13".into());
     }
+    let wiring = board.wiring(cargo::axes().into());
+    if let Some((_, pwm)) = wiring.and_then(|wiring| wiring.pwm) {
+        facts.push(format!("--pwm={:#x}", pwm.base()));
+    }
     if board.qemu.is_some() {
         facts.push("--stand-ins".into());
         facts.extend(STAND_INS.map(str::to_owned));

@@ -99,7 +99,7 @@ pub enum Subject {
 /// Test what needs no hardware
 ///
 /// What a change breaks most often, in a few minutes: formatting, the host tests, documents, the firmware with its
-/// layout and its proof, and the firmware over its serial line in QEMU. Goes on after a failure and lists what
+/// layout, its proof and its start, and the firmware over its serial line in QEMU. Goes on after a failure and lists what
 /// failed. Asks rustup for what rustup can give.
 #[derive(Debug, clap::Args)]
 pub struct Test {
@@ -119,4 +119,11 @@ pub struct Test {
     /// cannot be had
     #[arg(long, conflicts_with_all = ["all", "rest"])]
     pub clients: bool,
+    /// Instead, insert the faults of `tests/faults.toml` into a copy of the sources, or those whose name contains this,
+    /// and look which check finds each
+    #[arg(long, value_name = "FAULT", num_args = 0..=1, default_missing_value = "", conflicts_with_all = ["only", "all", "rest", "list", "clients"])]
+    pub faults: Option<String>,
+    /// Add what was found to docs/faults.md, in which it then looks for no fault again that is not named
+    #[arg(long, requires = "faults")]
+    pub write: bool,
 }

@@ -434,6 +434,30 @@ fn what_rounding_lets_a_long_line_go_on_is_braked_before_its_end() -> Result<(),
     Ok(())
 }
 
+#[test]
+fn a_corner_is_passed_at_rest_where_a_lower_speed_on_both_sides_takes_longer() {
+    let mut are_at_rest = Vec::new();
+    for deviation in 1_u8..=60 {
+        let settings = Settings {
+            junction_deviation_mm: 0.0005 * f32::from(deviation),
+            ..machine(1000.0, 0.02)
+        };
+        let ways = [([30.0, 0.0, 0.0], 3000.0), ([0.0, 30.0, 0.0], 3000.0)];
+        let blocks = blocks(&settings, &ways);
+        let slow_mm_s = 0.25 * 1000.0 * AveragingWindow::new(&settings).seconds();
+        let is_slow = math::sqrt(blocks[1].junction_sqr) < slow_mm_s;
+        let corner_mm_s = play(&settings, &blocks, 0, &[]).corners[0];
+        assert_eq!(
+            corner_mm_s == 0.0,
+            is_slow,
+            "{deviation}: {corner_mm_s} mm/s"
+        );
+        are_at_rest.push(is_slow);
+    }
+    are_at_rest.dedup();
+    assert_eq!(are_at_rest, [true, false]);
+}
+
 proptest! {
     #![proptest_config(crate::cases(16))]
 

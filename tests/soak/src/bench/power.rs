@@ -42,7 +42,7 @@ impl Bench {
         self.received.clear();
         (self.received_lines, self.answers, self.resets) = (0, 0, 0);
         self.refusals = 0;
-        self.forget_losses();
+        self.forget_lines();
         self.lost = 0;
         (self.welcomes, self.silent_at) = (1, SECOND);
         self.asked = None;
