@@ -32,7 +32,7 @@ fn hold_and_start_at_the_same_time_leave_a_held_machine_held() {
     let mut rig = moving(&fast(), &line(&[50.0], 3000.0));
     rig.run_to(200 * MS);
     rig.receive(b'!');
-    rig.run_to_rest();
+    rig.run_to_standstill();
     for bytes in [[b'!', b'~'], [b'~', b'!']] {
         for byte in bytes {
             receive(&mut rig.drive, &rig.requests, byte);
@@ -41,7 +41,7 @@ fn hold_and_start_at_the_same_time_leave_a_held_machine_held() {
         assert_eq!(state(&rig), State::HoldComplete);
     }
     rig.receive(b'~');
-    rig.run_to_rest();
+    rig.run_to_standstill();
     assert_eq!(rig.snapshot().steps[0], 4000);
 }
 

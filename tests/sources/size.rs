@@ -6,8 +6,8 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
     ("proof", 27_900),
-    ("src", 33_750),
-    ("tests", 34_300),
+    ("src", 33_800),
+    ("tests", 34_700),
     ("xtask", 22_500),
 ];
 

@@ -173,9 +173,9 @@ impl Sources {
     /// Whether a check fails. What it says is kept beside the copy.
     fn fails(&self, check: &str) -> Result<bool> {
         let output = self.cargo(&["xtask", "test", check]).output()?;
-        let said = [output.stdout, output.stderr].concat();
-        fs::write(self.target.join("said.txt"), &said)?;
-        let is_any_change = String::from_utf8_lossy(&said).contains(OF_EACH_CHANGE);
+        let printed = [output.stdout, output.stderr].concat();
+        fs::write(self.target.join("printed.txt"), &printed)?;
+        let is_any_change = String::from_utf8_lossy(&printed).contains(OF_EACH_CHANGE);
         Ok(is_found(output.status)? && !is_any_change)
     }
 }
