@@ -8,6 +8,8 @@ use common::cargo;
 use super::Fault;
 
 const PATH: &str = "docs/faults.md";
+/// The cells of a fault that no check finds.
+const NOT_FOUND: (&str, &str) = ("-", "none yet");
 
 /// A part of `cargo xtask test`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,7 +64,8 @@ impl Page {
             let [name, file, tier, check] = cells[..] else {
                 continue;
             };
-            let fault = faults.iter().find(|fault| fault.name == name);
+            let is_found = (tier, check) != NOT_FOUND;
+            let fault = faults.iter().find(|fault| is_found && fault.name == name);
             if let Some(fault) = fault
                 && file == linked(fault)
             {
@@ -97,18 +100,19 @@ impl Page {
         let mut text = format!(
             "# Faults\n\n\
              Faults of the firmware that were inserted into a copy of its sources, one at a time, and the first check of\n\
-             `cargo xtask test` that fails with each: [how](contributing.md#inserted-faults). Made by\n\
-             `cargo xtask test --faults --write`.\n\n\
+             `cargo xtask test` that fails with each: [how](contributing.md#inserted-faults).\n\
+             `cargo xtask test --faults --write` looks for those that are not found yet.\n\n\
              Of {} faults, what is quick finds {quick}, and what `--rest` tests {rest}.\n\n\
              | fault | file | part | check |\n|---|---|---|---|\n",
             faults.len()
         );
         for fault in faults {
-            if let Some(Finding { tier, check }) = self.finding(fault) {
-                let (name, file, tier) = (&fault.name, linked(fault), tier.text());
-                // Writing to a string never fails.
-                let _ = writeln!(text, "| {name} | {file} | {tier} | {check} |");
-            }
+            let found = self.finding(fault);
+            let (tier, check) =
+                found.map_or(NOT_FOUND, |Finding { tier, check }| (tier.text(), check));
+            let (name, file) = (&fault.name, linked(fault));
+            // Writing to a string never fails.
+            let _ = writeln!(text, "| {name} | {file} | {tier} | {check} |");
         }
         text
     }
@@ -126,16 +130,16 @@ mod tests {
 
     /// Of the faults, so many are found by what is quick, at least.
     const LEAST_QUICK: usize = 32;
+    /// So many are found by no check: the step timer that seems to run, and the fault that is told twice.
+    const NOT_FOUND_YET: usize = 2;
 
     #[test]
     fn the_page_shows_who_finds_each_fault_of_the_table() {
         let faults = faults(by_checks::TABLE).unwrap();
         let page = Page::read(&faults).unwrap();
-        let missing: Vec<_> = { faults.iter() }
-            .filter(|fault| page.finding(fault).is_none())
-            .map(|fault| &fault.name)
-            .collect();
-        assert!(missing.is_empty(), "not in {PATH}: {missing:#?}");
+        let missing = faults.iter().filter(|fault| page.finding(fault).is_none());
+        let missing: Vec<_> = missing.map(|fault| &fault.name).collect();
+        assert_eq!(missing.len(), NOT_FOUND_YET, "not in {PATH}: {missing:#?}");
         assert!(page.count(Tier::Quick) >= LEAST_QUICK);
         let text = fs::read_to_string(cargo::root().join(PATH)).unwrap();
         assert_eq!(page.text(&faults), text, "{PATH} is out of date");
