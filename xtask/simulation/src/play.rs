@@ -54,6 +54,10 @@ pub fn play_recorded(path: &Path, settings: &Settings, switches: &[Switch]) -> R
 pub struct ProgressBar;
 
 #[cfg(not(feature = "terminal"))]
+#[expect(
+    clippy::unused_self,
+    reason = "they are called as those of a bar that is shown"
+)]
 impl ProgressBar {
     fn hidden() -> Self {
         Self
