@@ -142,13 +142,25 @@ fn play(seed: u64, step_rate: StepRate, fault: Option<Fault>) -> Result<Done, Bo
     }
 }
 
-/// Leaves out each action without which a rule is broken all the same. While proptest makes a history shorter, it
-/// leaves actions out first and makes them simpler then: in the end some may be needed no longer.
+/// Leaves out actions without which a rule is broken all the same, half of them at first and then fewer, until each one
+/// that is left is needed. While proptest makes a history shorter, it leaves actions out first and makes them simpler
+/// then: in the end some may be needed no longer, and some only as long as others are there.
 fn only_needed(mut actions: Vec<Action>, is_broken: impl Fn(&[Action]) -> bool) -> Vec<Action> {
-    for index in (0..actions.len()).rev() {
-        let action = actions.remove(index);
-        if !is_broken(&actions) {
-            actions.insert(index, action);
+    let mut count = actions.len().div_ceil(2);
+    while count > 0 {
+        let before = actions.len();
+        let mut end = before;
+        while end > 0 {
+            let begin = end.saturating_sub(count);
+            let mut shorter = actions.clone();
+            shorter.drain(begin..end);
+            if is_broken(&shorter) {
+                actions = shorter;
+            }
+            end = begin;
+        }
+        if actions.len() == before {
+            count /= 2;
         }
     }
     actions
@@ -175,33 +187,33 @@ mod tests {
     use crate::setup::Kind;
 
     const STEP_RATE: StepRate = StepRate::Proven(190_000);
-    /// A history that is made shorter has so many actions at most, of some hundred.
-    const LONGEST: usize = 10;
+    /// From here on each fault soon comes in a history that does not need a contact or an offset as well.
+    const SEED: u64 = 1000;
 
     #[test]
     fn each_fault_is_found_and_its_history_is_short() {
-        for (fault, rule) in [
-            (Fault::StepLost, "steps of the motors"),
-            (Fault::AnswerLost, "a line has no answer"),
-            (Fault::ReportLate, "a `?` waits"),
-            (Fault::RecordLost, "neither old nor new"),
-            (Fault::MotorsSwapped, "is programmed to"),
-            (Fault::LossUnseen, "a line that has lost a byte"),
-            (Fault::BreakUnseen, "a break holds nothing"),
-            (Fault::BeamInHold, "the beam stays on in a hold"),
-            (Fault::BeamInRapid, "the beam is on in a rapid"),
-            (Fault::SpindleBehindDoor, "stay on behind the door"),
-            (Fault::CoolantStays, "coolant"),
-            (Fault::OffsetUntold, "reports have no WCO"),
-            (Fault::ProbeMoved, "but the probe has changed at"),
-            (Fault::AnswerGarbled, "an unknown line"),
-            (Fault::SecondStepLost, "second motors"),
-            (Fault::AllAreJogs, "a jog is an alarm"),
+        for (fault, rule, longest) in [
+            (Fault::StepLost, "steps of the motors", 4),
+            (Fault::AnswerLost, "a line has no answer", 2),
+            (Fault::ReportLate, "a `?` waits", 2),
+            (Fault::RecordLost, "neither old nor new", 1),
+            (Fault::MotorsSwapped, "is programmed to", 1),
+            (Fault::LossUnseen, "a line that has lost a byte", 2),
+            (Fault::BreakUnseen, "a break holds nothing", 3),
+            (Fault::BeamInHold, "the beam stays on in a hold", 2),
+            (Fault::BeamInRapid, "the beam is on in a rapid", 1),
+            (Fault::SpindleBehindDoor, "stay on behind the door", 2),
+            (Fault::CoolantStays, "coolant", 2),
+            (Fault::OffsetUntold, "reports have no WCO", 4),
+            (Fault::ProbeMoved, "but the probe has changed at", 4),
+            (Fault::AnswerGarbled, "an unknown line", 2),
+            (Fault::SecondStepLost, "second motors", 2),
+            (Fault::AllAreJogs, "a jog is an alarm", 2),
         ] {
-            let broken = search(1, Until::Histories(300), STEP_RATE, Some(fault), |_| {});
+            let broken = search(SEED, Until::Histories(300), STEP_RATE, Some(fault), |_| {});
             let broken = broken.expect_err(&format!("{fault:?} is not found"));
             assert!(broken.rule.contains(rule), "{fault:?}: {broken}");
-            assert!(broken.actions.len() <= LONGEST, "{fault:?}: {broken}");
+            assert!(broken.actions.len() <= longest, "{fault:?}: {broken}");
         }
     }
 
