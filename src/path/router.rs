@@ -39,7 +39,7 @@ const MAX_ROTARY_PER_FEED_MM: f32 = 1.0e6;
 
 /// Where a router's last command and last block ended.
 #[derive(Debug, Default)]
-struct LastEnd {
+struct PathEnd {
     /// End of the last command.
     position: Axes<Nm>,
     /// End of the last block, as a coordinate and in steps.
@@ -57,7 +57,7 @@ struct LastEnd {
 pub struct Router {
     settings: Settings,
     limits: Limits,
-    at: LastEnd,
+    at: PathEnd,
     /// State of the laser in the moves to come.
     laser: Laser,
     /// The moves to come end at a standstill (`G61.1`), and the last block does.
@@ -95,7 +95,7 @@ impl Router {
         Self {
             settings: *settings,
             limits: Limits::new(settings),
-            at: LastEnd::default(),
+            at: PathEnd::default(),
             laser: Laser::None,
             is_exact_stop: false,
             ended_in_exact_stop: false,
@@ -308,7 +308,7 @@ impl Router {
             curve: geometry.curve,
             line,
         };
-        self.at = LastEnd {
+        self.at = PathEnd {
             position: target,
             block_end: target,
             fine: end.fine,

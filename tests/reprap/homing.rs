@@ -7,7 +7,8 @@ use crate::machine::{STEPS_PER_MM, machine_with, reprap, reprap_with, xy};
 /// Not homed; it homes where it stands, at the upper end of 100 mm.
 const FRAME: [&str; 5] = ["22=1", "788=7", "130=100", "131=100", "132=100"];
 
-const LOCKED: &str = "Error:Printer stopped due to errors. G28 homes the machine; M999 to go on";
+const LOCKED_MESSAGE: &str =
+    "Error:Printer stopped due to errors. G28 homes the machine; M999 to go on";
 
 /// How files begin, up to the first move.
 const STARTS: [(&str, &[&str]); 7] = [
@@ -163,7 +164,7 @@ fn what_moves_or_switches_on_waits_for_g28() {
         "M6 T1",
     ] {
         let answer = machine.ask(line);
-        let is_refused = answer == [LOCKED, "ok"];
+        let is_refused = answer == [LOCKED_MESSAGE, "ok"];
         let is_no_motion = line.ends_with('1') && line.starts_with("G30") || line == "G28.1 X0";
         assert!(is_refused || is_no_motion, "{line}: {answer:?}");
     }

@@ -32,26 +32,22 @@ pub(crate) fn start(options: &Test) -> Result<ExitCode> {
     };
     let start = Instant::now();
     let only = options.only.as_deref();
-    let code = check::run(
-        checks,
-        only,
-        options.list,
-        if options.rest { AT_ONCE } else { 1 },
-    )?;
+    let at_once = if options.rest { PARALLEL_CHECKS } else { 1 };
+    let code = check::run(checks, only, options.list, at_once)?;
     if !options.list && !options.all && !options.rest && only.is_none() {
         let minutes = start.elapsed().as_secs_f32() / 60.0;
         ui::status(
             "Tested",
-            &format!("what is quick, in {minutes:.1} minutes; left out: {LEFT_OUT}"),
+            &format!("what is quick, in {minutes:.1} minutes; left out: {REST_SUMMARY}"),
         );
     }
     Ok(code)
 }
 
 /// How many checks of the rest are made at the same time.
-const AT_ONCE: usize = 2;
+const PARALLEL_CHECKS: usize = 2;
 /// What is not quick, and how to test it.
-const LEFT_OUT: &str = "lints, every case of the random tests, the tools, other numbers of axes, the other boards and \
+const REST_SUMMARY: &str = "lints, every case of the random tests, the tools, other numbers of axes, the other boards and \
     their proofs, tests on the emulated processor (`cargo xtask test --all`); real senders (`--clients`); random \
     histories (`cargo xtask soak`)";
 
@@ -70,10 +66,10 @@ fn by(tool: Tool, name: impl Into<String>, arguments: &'static [&'static str]) -
     Check::new(name, move || check::by(tool, arguments, cargo::axes()))
 }
 
-/// The same in QEMU, without which it is skipped.
-fn emulated(tool: Tool, name: impl Into<String>, arguments: &'static [&'static str]) -> Check {
-    Check::new(name, move || match cargo::need_qemu() {
-        Ok(_) => check::by(tool, arguments, cargo::axes()),
+/// The same check where there is QEMU; without it, it is skipped.
+fn emulated(check: Check) -> Check {
+    Check::new(check.name, move || match cargo::need_qemu() {
+        Ok(_) => (check.run)(),
         Err(error) => Ok(Verdict::Skipped(error.to_string())),
     })
 }
@@ -120,11 +116,11 @@ fn quick() -> Vec<Check> {
         Check::new("what is flashed starts", || {
             check::by(tools::FIRMWARE, ["start", SHOWN], 3)
         }),
-        emulated(
+        emulated(by(
             tools::FIRMWARE,
             "firmware over its serial line",
             &["serial"],
-        ),
+        )),
     ]
 }
 
@@ -150,11 +146,11 @@ fn rest() -> Vec<Check> {
         }),
         by(tools::SOAK, "a day in virtual time", &["soak", "--day"]),
     ];
-    checks.push(emulated(
+    checks.push(emulated(by(
         tools::FIRMWARE,
         "more lines over the serial line",
         &["serial", "thousands_of_lines"],
-    ));
+    )));
     checks.extend(with_features());
     for board in WHOLE {
         checks.push(plain(format!("lints, {board}"), move || lint(board)));
@@ -177,7 +173,7 @@ fn rest() -> Vec<Check> {
         ("the same on the chip", &["check", "chip"]),
         ("the same in the firmware", &["check", "firmware"]),
     ];
-    checks.extend(by_target.map(|(name, arguments)| emulated(tools::TARGET, name, arguments)));
+    checks.extend(by_target.map(|(name, arguments)| emulated(by(tools::TARGET, name, arguments))));
     checks
 }
 

@@ -338,11 +338,11 @@ fn build(tool: Tool, axes: u8) -> Result<PathBuf> {
 
 /// Builds the plugin of QEMU that counts and follows instructions.
 pub fn plugin() -> Result<PathBuf> {
-    const COST: Tool = Tool {
+    const PLUGIN: Tool = Tool {
         is_library: true,
         ..Tool::new("cost", "the plugin that counts", "about a minute").for_any_axes()
     };
-    let program = build(COST, 3)?;
+    let program = build(PLUGIN, 3)?;
     Ok(program.with_file_name("libcost.so"))
 }
 

@@ -13,7 +13,7 @@ use common::{cargo, options::CommandLine};
 type Commands = BTreeMap<String, BTreeSet<String>>;
 
 /// Options that every command has.
-const EVERYWHERE: [&str; 4] = ["axes", "clock", "help", "version"];
+const GLOBAL_OPTIONS: [&str; 4] = ["axes", "clock", "help", "version"];
 
 /// The options of a command.
 fn options(command: &Command) -> BTreeSet<String> {
@@ -86,7 +86,7 @@ fn wrong(line: &str, commands: &Commands) -> Option<String> {
     };
     words
         .filter_map(option)
-        .find(|name| !EVERYWHERE.contains(name) && !options.contains(*name))
+        .find(|name| !GLOBAL_OPTIONS.contains(name) && !options.contains(*name))
         .map(|name| format!("{verb} has no option --{name}"))
 }
 
@@ -99,7 +99,7 @@ fn missing(document: &str, text: &str, commands: &Commands) -> String {
         let found = lines.filter_map(|line| wrong(line, commands));
         let alone = option(&code).filter(|name| {
             let is_known = commands.values().any(|options| options.contains(*name));
-            !is_known && !EVERYWHERE.contains(name)
+            !is_known && !GLOBAL_OPTIONS.contains(name)
         });
         let alone = alone.map(|name| format!("no command has an option --{name}"));
         for what in found.chain(alone) {

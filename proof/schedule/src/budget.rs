@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use crate::{Count, Function, Total};
 
-/// A loop: its function, its head; or with [`CALLS`] all calls of the function.
+/// A loop: its function, its head; or with [`ALL_CALLS`] all calls of the function.
 pub(crate) type Place = (u32, usize);
-pub(crate) const CALLS: usize = usize::MAX;
+pub(crate) const ALL_CALLS: usize = usize::MAX;
 
 /// The budget against which the iterations of a loop are counted.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]

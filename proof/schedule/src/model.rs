@@ -15,7 +15,7 @@ pub(crate) const LINE_BYTES: u32 = 16;
 /// Lines of the instruction cache, which replaces the one that was used least recently.
 pub(crate) const CACHE_LINES: usize = 64;
 /// Bytes that the processor may fetch beyond the executed instruction: three words.
-const FETCHED_AHEAD: u32 = 12;
+const PREFETCH_BYTES: u32 = 12;
 /// Wait of a peripheral bus, core cycles for each division of its clock: the access is synchronised,
 /// and takes two of its cycles.
 const WAITS_PER_DIVISION: u64 = 3;
@@ -330,15 +330,15 @@ pub fn lines(block: &Block) -> std::ops::RangeInclusive<u32> {
         .instructions
         .last()
         .map_or(begin + 2, Instruction::end);
-    begin / LINE_BYTES..=(end - 1 + FETCHED_AHEAD) / LINE_BYTES
+    begin / LINE_BYTES..=(end - 1 + PREFETCH_BYTES) / LINE_BYTES
 }
 
 /// Lines of `next` to be fetched when execution falls through from `before`: all but the line in
 /// use and the line fetched ahead.
 pub(crate) fn new_lines(before: &Block, next: &Block) -> u64 {
     let end = before.instructions.last().map_or(0, Instruction::end);
-    let used =
-        (end.saturating_sub(1)) / LINE_BYTES..=(end.saturating_sub(1) + FETCHED_AHEAD) / LINE_BYTES;
+    let used = (end.saturating_sub(1)) / LINE_BYTES
+        ..=(end.saturating_sub(1) + PREFETCH_BYTES) / LINE_BYTES;
     lines(next).filter(|line| !used.contains(line)).count() as u64
 }
 

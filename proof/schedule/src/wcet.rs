@@ -13,7 +13,7 @@ use std::{
 
 use crate::{
     Block, Cache, Count, Function, Instruction, Loop, Model, Region,
-    budget::{Budget, Budgets, CALLS, Open, add_open, budget},
+    budget::{ALL_CALLS, Budget, Budgets, Open, add_open, budget},
     loops::is_on_every_path,
     model::{self, CACHE_LINES},
     paths::{Graph, Longest, LoopPaths},
@@ -324,7 +324,7 @@ impl<'a> Wcets<'a> {
                 let cost = callee.path + refill;
                 match self.limited.get(&call) {
                     Some(most) => {
-                        let place = (call, CALLS);
+                        let place = (call, ALL_CALLS);
                         let times = (*most)?;
                         add_open(open, Budget::Own(place), Open { times, cost, place });
                     }
@@ -404,7 +404,7 @@ impl<'a> Wcets<'a> {
         self.count(root, cache, 1, None, &mut block_counts);
         for one in bound.open.values() {
             let (address, head) = one.place;
-            let iteration_of = Some(head).filter(|head| *head != CALLS);
+            let iteration_of = Some(head).filter(|head| *head != ALL_CALLS);
             self.count(address, cache, one.times, iteration_of, &mut block_counts);
         }
         block_counts

@@ -125,8 +125,8 @@ impl Grbl {
             self.welcomed(text);
         } else if text.starts_with("ALARM:") {
             self.counts.alarms += 1;
-        } else if text == LOCKED || text == UNLOCKED {
-            self.is_locked = text == LOCKED;
+        } else if text == LOCKED_MESSAGE || text == UNLOCKED {
+            self.is_locked = text == LOCKED_MESSAGE;
         } else if text.starts_with("[MSG:") || text.starts_with('>') || text.is_empty() {
         } else if let Some(asked) = asked_by(text) {
             self.listed(text, asked);
@@ -339,7 +339,7 @@ impl Account for Grbl {
 }
 
 /// A machine that must be homed or unlocked says this after its welcome.
-const LOCKED: &str = "[MSG:'$H'|'$X' to unlock]";
+const LOCKED_MESSAGE: &str = "[MSG:'$H'|'$X' to unlock]";
 /// The answer to `$X`, before its `ok`.
 const UNLOCKED: &str = "[MSG:Caution: Unlocked]";
 

@@ -53,9 +53,9 @@ const RUN_TIMEOUT: Duration = Duration::from_mins(30);
 const LAST_ANSWERS_TIMEOUT: Duration = Duration::from_mins(1);
 
 /// How often it is looked what goes on.
-const GLANCE: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// How many of these must find nothing owed: the last bytes may still be on their way.
-const QUIET_GLANCES: u32 = 10;
+const QUIET_POLLS: u32 = 10;
 /// What a script prints.
 const SCRIPT_LOG: &str = "script.log";
 /// How much of it is told when it fails.
@@ -208,11 +208,11 @@ struct Options {
 const SEED: u64 = 7;
 
 /// Checks at the same time: senders wait most of it.
-const AT_ONCE: usize = 4;
+const PARALLEL_CHECKS: usize = 4;
 
 fn main() -> ExitCode {
     let Options { only, list, .. } = Options::parse();
-    common::main(|| check::run(all().collect(), only.as_deref(), list, AT_ONCE))
+    common::main(|| check::run(all().collect(), only.as_deref(), list, PARALLEL_CHECKS))
 }
 
 /// Every sender at every machine.
@@ -385,7 +385,7 @@ impl Run {
                 start.elapsed() < RUN_TIMEOUT,
                 "the sender does not come to an end: {progress}"
             );
-            thread::sleep(GLANCE);
+            thread::sleep(POLL_INTERVAL);
         }
     }
 
@@ -419,8 +419,8 @@ impl Run {
     fn end(&mut self) -> Result<Box<dyn Account>> {
         let start = Instant::now();
         let mut quiet = 0;
-        while quiet < QUIET_GLANCES && start.elapsed() < LAST_ANSWERS_TIMEOUT {
-            thread::sleep(GLANCE);
+        while quiet < QUIET_POLLS && start.elapsed() < LAST_ANSWERS_TIMEOUT {
+            thread::sleep(POLL_INTERVAL);
             let is_quiet = self.tap.seen().account.is_quiet();
             quiet = if is_quiet { quiet + 1 } else { 0 };
         }

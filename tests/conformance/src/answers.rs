@@ -17,7 +17,7 @@ use crate::{exchange::Exchange, golden::sorted};
 
 /// What Grbl says at power-up, and what follows if it is locked.
 const WELCOME: [&str; 2] = ["", "Grbl 1.1h ['$' for help]"];
-const LOCKED: &str = "[MSG:'$H'|'$X' to unlock]";
+const LOCKED_MESSAGE: &str = "[MSG:'$H'|'$X' to unlock]";
 
 /// Reads the topics, or those asked for.
 ///
@@ -53,7 +53,9 @@ struct Begun {
 impl Begun {
     fn finish(self, topic: &str) -> Result<Exchange> {
         let is_locked = self.settings.iter().any(|setting| setting == "$22=1");
-        let boot = WELCOME.into_iter().chain(is_locked.then_some(LOCKED));
+        let boot = WELCOME
+            .into_iter()
+            .chain(is_locked.then_some(LOCKED_MESSAGE));
         let recorded = json!({
             "id": format!("{topic}.txt:{}", self.number),
             "settings_set": "fast",

@@ -24,7 +24,7 @@ use crate::{Lines, port};
 /// How long a machine may take no bytes.
 const WRITE: Duration = Duration::from_secs(10);
 /// How often it is looked whether it takes some.
-const GLANCE: Duration = Duration::from_millis(100);
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// The other end has gone: the port has been unplugged, the connection has ended.
 #[derive(Debug)]
@@ -152,7 +152,7 @@ impl Link {
             }
             let (name, hint) = (&self.name, &self.hint);
             ensure!(since.elapsed() < WRITE, "{name} takes nothing: {hint}");
-            wait(&[(self.as_fd(), PollFlags::OUT)], GLANCE)?;
+            wait(&[(self.as_fd(), PollFlags::OUT)], POLL_INTERVAL)?;
         }
         Ok(())
     }

@@ -10,17 +10,17 @@ use anyhow::{Context, Error, Result, anyhow, bail};
 use crate::{Line, Link, MachineAnswers, Response, Status, meaning, realtime};
 
 /// How often the state is asked for until there is an answer: a board may start first.
-const ASK_EVERY: Duration = Duration::from_millis(200);
+const REPORT_INTERVAL: Duration = Duration::from_millis(200);
 /// Silence after which nothing of an earlier conversation is on the line.
 const SILENCE: Duration = Duration::from_millis(100);
 /// How long such a silence is waited for: a machine may tell something all the time.
-const CHATTER: Duration = Duration::from_secs(1);
+const MAX_SILENCE_WAIT: Duration = Duration::from_secs(1);
 /// Reports after which each field has been in one.
 const REPORTS: usize = 40;
 
 /// Errors whose reason is the state: it is not idle, it is locked.
-const NOT_IDLE: u16 = 8;
-const LOCKED: u16 = 9;
+const ERROR_NOT_IDLE: u16 = 8;
+const ERROR_LOCKED: u16 = 9;
 
 /// A machine at the other end of a line.
 pub struct Machine {
@@ -124,7 +124,7 @@ impl Machine {
 
     /// The error that tells of a refused statement: with the state, where that is the reason.
     pub fn refused(&mut self, text: &str, number: u16) -> Error {
-        let is_by_state = matches!(number, NOT_IDLE | LOCKED);
+        let is_by_state = matches!(number, ERROR_NOT_IDLE | ERROR_LOCKED);
         let state = if is_by_state && self.is_reported().unwrap_or_default() {
             format!(" in the state {}", self.status.report.state)
         } else {
@@ -201,7 +201,7 @@ impl Machine {
     /// Asks for a report once. Returns whether it has come.
     fn is_reported(&mut self) -> Result<bool> {
         self.link.send(&[realtime::REPORT])?;
-        let end = Instant::now() + ASK_EVERY.min(self.timeout);
+        let end = Instant::now() + REPORT_INTERVAL.min(self.timeout);
         while let Some(line) = self.line_until(end)? {
             if self.status.read(&line) {
                 return Ok(true);
@@ -213,7 +213,9 @@ impl Machine {
     /// Waits until nothing comes any more.
     fn fall_silent(&mut self) -> Result<()> {
         let start = Instant::now();
-        while self.line_until(Instant::now() + SILENCE)?.is_some() && start.elapsed() < CHATTER {}
+        while self.line_until(Instant::now() + SILENCE)?.is_some()
+            && start.elapsed() < MAX_SILENCE_WAIT
+        {}
         Ok(())
     }
 

@@ -124,8 +124,8 @@ fn faults(output: &Output) -> Vec<String> {
 }
 
 /// The state of a reset, and what all bootloaders together leave.
-const AFTER_RESET: &str = "a reset";
-const ALL_LEFTOVERS: &str = "all of these";
+const RESET_STATE: &str = "a reset";
+const ALL_BOOTLOADER_STATES: &str = "all of these";
 
 /// The states, each alone and some together. What differs with more axes is where things lie, and more pins: two are
 /// enough.
@@ -133,14 +133,14 @@ fn states(crystal_mhz: u32, chip: &Chip, axes: u8) -> Vec<State> {
     let other_mhz = if crystal_mhz == 12 { 8 } else { 12 };
     let all = "--dfu --prigroup 5 --systick --irqs --lse";
     [
-        (AFTER_RESET, String::new()),
+        (RESET_STATE, String::new()),
         ("the loader in ROM", "--dfu".into()),
         ("PRIGROUP 3", "--prigroup 3".into()),
         ("PRIGROUP 5", "--prigroup 5".into()),
         ("SysTick running", "--systick".into()),
         ("all interrupts enabled", "--irqs".into()),
         ("LSE running", "--lse".into()),
-        (ALL_LEFTOVERS, all.into()),
+        (ALL_BOOTLOADER_STATES, all.into()),
         ("no crystal", "--hse 0".into()),
         (
             "another chip",
@@ -155,7 +155,7 @@ fn states(crystal_mhz: u32, chip: &Chip, axes: u8) -> Vec<State> {
         ("another crystal", format!("--hse {other_mhz}")),
     ]
     .into_iter()
-    .filter(|(name, _)| axes == 3 || [AFTER_RESET, ALL_LEFTOVERS].contains(name))
+    .filter(|(name, _)| axes == 3 || [RESET_STATE, ALL_BOOTLOADER_STATES].contains(name))
     .map(|(name, options)| {
         let words = options.split_whitespace().map(str::to_owned);
         (name, words.collect())

@@ -131,21 +131,10 @@ pub struct Qemu {
     pub elf: Option<InputPath>,
 }
 
-/// Send a G-code program to a machine
-///
-/// The machine is a board at a serial port, or the simulator. The job is run on the virtual machine first,
-/// with the machine's own settings and offsets: a job that would be refused or end in an alarm is not begun,
-/// and the time that is left is known. How far the job is, is kept in FILE.resume until it is done. The exit
-/// status is 1 when the job does not come to its end, or a line was refused.
-///
-/// Keys: h hold, r resume, q stop, t type lines (in a change of the tool), + - 0 feed, f m l rapids, s S spindle, c coolant; Ctrl-C holds, and stops
-/// a job that is held. Where standard input is at its end, nobody can press a key: a program pause or a
-/// change of the tool then ends the job.
+/// The line to a machine.
 #[derive(Debug, clap::Args)]
 #[command(group = clap::ArgGroup::new("where").required(true).args(["port", "tcp"]))]
-pub struct Send {
-    /// The program
-    pub file: InputPath,
+pub struct Connection {
     /// The serial port of the machine, such as /dev/ttyACM0
     #[arg(long, value_name = "DEVICE")]
     pub port: Option<InputPath>,
@@ -158,6 +147,25 @@ pub struct Send {
     /// How long to wait for an answer, s
     #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds)]
     pub timeout: f64,
+}
+
+/// Send a G-code program to a machine
+///
+/// The machine is a board at a serial port, or the simulator. The job is run on the virtual machine first,
+/// with the machine's own settings and offsets: a job that would be refused or end in an alarm is not begun,
+/// and the time that is left is known. How far the job is, is kept in FILE.resume until it is done. The exit
+/// status is 1 when the job does not come to its end, or a line was refused.
+///
+/// Keys: h hold, r resume, q stop, t type lines (in a change of the tool), + - 0 feed, f m l rapids, s S spindle, c coolant; Ctrl-C holds, and stops
+/// a job that is held. Where standard input is at its end, nobody can press a key: a program pause or a
+/// change of the tool then ends the job.
+#[derive(Debug, clap::Args)]
+pub struct Send {
+    /// The program
+    pub file: InputPath,
+    /// Where the machine is.
+    #[command(flatten)]
+    pub connection: Connection,
     /// Home the machine first
     #[arg(long)]
     pub home: bool,
@@ -190,21 +198,11 @@ pub struct Send {
 /// has printed it. --load sends only what differs, one setting at a time, and reads all of it back. The
 /// exit status is 1 when something differs (--diff) or is refused.
 #[derive(Debug, clap::Args)]
-#[command(group = clap::ArgGroup::new("where").required(true).args(["port", "tcp"]))]
 #[command(group = clap::ArgGroup::new("what").required(true).args(["load", "save", "diff"]))]
 pub struct Settings {
-    /// The serial port of the machine, such as /dev/ttyACM0
-    #[arg(long, value_name = "DEVICE")]
-    pub port: Option<InputPath>,
-    /// The TCP address of the machine, such as 127.0.0.1:2323
-    #[arg(long, value_name = "ADDR:PORT")]
-    pub tcp: Option<String>,
-    /// The baud rate of the serial port
-    #[arg(long, value_name = "BAUD", default_value_t = BAUD, requires = "port")]
-    pub baud: u32,
-    /// How long to wait for an answer, s
-    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds)]
-    pub timeout: f64,
+    /// Where the machine is.
+    #[command(flatten)]
+    pub connection: Connection,
     /// Change the machine's settings to those in a file
     #[arg(long, value_name = "FILE")]
     pub load: Option<InputPath>,

@@ -22,15 +22,15 @@ use simulation::proven;
 /// Where a document lies, and what makes it.
 type Document = (&'static str, fn() -> Result<String>);
 
-/// Every document that is made from the code by this program.
-const CODE_DOCUMENTS: [Document; 4] = [
+/// Every document that this program makes.
+const DOCUMENTS: [Document; 4] = [
     ("docs/gcodes.md", codes_table),
     ("docs/settings.md", settings_table),
     ("docs/errors.md", errors_table),
     ("docs/pins.md", pins::table),
 ];
-/// Those that another tool makes, and compares in a test of its own.
-const DOCUMENTS: [Document; 1] = [("docs/conformance.md", conformance_table)];
+/// The document that another tool makes, and compares in a test of its own.
+const CONFORMANCE: Document = ("docs/conformance.md", conformance_table);
 
 fn conformance_table() -> Result<String> {
     let text = tools::output(tools::CONFORMANCE, ["--document"])?;
@@ -52,7 +52,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         check()?;
         return Ok(ExitCode::SUCCESS);
     }
-    for (path, make) in CODE_DOCUMENTS.into_iter().chain(DOCUMENTS) {
+    for (path, make) in DOCUMENTS.into_iter().chain([CONFORMANCE]) {
         write(path, make()?)?;
     }
     for table in &tables::TABLES {
@@ -73,7 +73,7 @@ fn check() -> Result<()> {
         ui::status("Skipped", "the documents are those of three axes");
         return Ok(());
     }
-    for (path, make) in CODE_DOCUMENTS {
+    for (path, make) in DOCUMENTS {
         compare(path, &make()?)?;
     }
     for table in &tables::TABLES {

@@ -25,7 +25,7 @@ const START: Duration = Duration::from_secs(30);
 /// How long an address and a machine may take to answer: a board may start first.
 const TIMEOUT: Duration = Duration::from_secs(5);
 /// How often it is looked whether it has.
-const GLANCE: Duration = Duration::from_millis(5);
+const POLL_INTERVAL: Duration = Duration::from_millis(5);
 
 /// A line to a machine.
 pub(crate) struct Source {
@@ -121,7 +121,7 @@ impl Simulator {
                 bail!("{}", printed.trim().trim_start_matches("error: "));
             }
             ensure!(start.elapsed() < START, "the simulator does not start");
-            thread::sleep(GLANCE);
+            thread::sleep(POLL_INTERVAL);
         }
         let line = rustix::fs::open(&link, OFlags::RDWR | OFlags::NOCTTY, Mode::empty());
         line.context("cannot open the simulator's terminal")

@@ -7,7 +7,7 @@
 use std::time::Duration;
 
 /// How often the monitor asks.
-const ASK_EVERY: Duration = Duration::from_millis(100);
+const REPORT_INTERVAL: Duration = Duration::from_millis(100);
 /// How long an answer may take; then it is lost.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 /// How long after its last `?` a sender counts as one that asks by itself.
@@ -49,7 +49,7 @@ impl Tap {
             return false;
         }
         self.asked = Some(now);
-        self.next = now + ASK_EVERY;
+        self.next = now + REPORT_INTERVAL;
         true
     }
 

@@ -30,9 +30,9 @@ const Z: usize = 2;
 /// Longest wait for bytes: as long until it is looked whether to ask.
 const WAIT: Duration = Duration::from_millis(10);
 /// Bytes that wait for the machine at most; then the sender waits.
-const BACKLOG: usize = 4096;
+const MAX_QUEUED_BYTES: usize = 4096;
 /// Bytes that wait for the sender at most: nobody reads them.
-const UNREAD: usize = 65_536;
+const MAX_UNREAD_BYTES: usize = 65_536;
 
 /// A machine that is watched.
 pub(crate) struct Watch {
@@ -209,14 +209,14 @@ impl Watch {
             self.to_sender.clear();
             return self.link.write(&mut self.to_machine).map(|()| false);
         };
-        if self.to_machine.len() < BACKLOG {
+        if self.to_machine.len() < MAX_QUEUED_BYTES {
             let length = moved(rustix::io::read(sender.controller(), &mut chunk))?;
             self.tap.sent(&chunk[..length], now, &mut self.to_machine);
         }
         self.link.write(&mut self.to_machine)?;
         let length = moved(rustix::io::write(sender.controller(), &self.to_sender))?;
         self.to_sender.drain(..length);
-        let excess = self.to_sender.len().saturating_sub(UNREAD);
+        let excess = self.to_sender.len().saturating_sub(MAX_UNREAD_BYTES);
         self.to_sender.drain(..excess);
         Ok(false)
     }
@@ -231,7 +231,7 @@ impl Watch {
         };
         let machine = flags(true, &self.to_machine);
         let mut ends = vec![(stop.as_fd(), PollFlags::IN), (self.link.as_fd(), machine)];
-        let reads = self.to_machine.len() < BACKLOG;
+        let reads = self.to_machine.len() < MAX_QUEUED_BYTES;
         ends.extend(sender.map(|sender| (sender, flags(reads, &self.to_sender))));
         Ok(link::wait(&ends, WAIT)?[0])
     }

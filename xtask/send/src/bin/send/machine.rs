@@ -11,9 +11,9 @@ use grbl_client::{
 };
 
 /// How long a machine may take to brake.
-const BRAKE: Duration = Duration::from_secs(30);
+const STOP_TIMEOUT: Duration = Duration::from_secs(30);
 /// How long it may search its switches.
-const HOMING: Duration = Duration::from_mins(10);
+const HOMING_TIMEOUT: Duration = Duration::from_mins(10);
 
 /// Makes the machine ready for a job: homed or unlocked where that is asked for, at rest.
 ///
@@ -22,7 +22,7 @@ const HOMING: Duration = Duration::from_mins(10);
 pub(crate) fn make_ready(machine: &mut Machine, homes: bool) -> Result<()> {
     if homes {
         println!("The machine is homed: Ctrl-C stops it.");
-        let homed = machine.ask_for("$H", HOMING);
+        let homed = machine.ask_for("$H", HOMING_TIMEOUT);
         if homed.as_ref().is_err_and(Error::is::<Stopped>) {
             // A machine that homes takes no hold.
             machine.link.send(&[RESET])?;
@@ -51,7 +51,7 @@ pub(crate) fn wait_for_standstill(machine: &mut Machine) -> Result<()> {
     machine.report()?;
     while !machine.status.report.is_at_rest() {
         ensure!(
-            start.elapsed() < BRAKE,
+            start.elapsed() < STOP_TIMEOUT,
             "the machine does not come to rest: it is in the state {}",
             machine.status.report.state
         );

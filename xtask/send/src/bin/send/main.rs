@@ -40,7 +40,7 @@ use screen::{Keyboard, Screen};
 use transmission::{Phase, Transmission};
 
 /// How often the machine is asked for a report.
-const ASK_EVERY: Duration = Duration::from_millis(200);
+const REPORT_INTERVAL: Duration = Duration::from_millis(200);
 /// How often it is kept how far the job is.
 const RECORD_PERIOD: Duration = Duration::from_secs(1);
 /// How long a job that is stopped may take to end.
@@ -86,11 +86,16 @@ fn run(options: &Options) -> Result<ExitCode> {
 
 /// Connects with the machine, which may have to be waited for.
 fn connect(options: &Options, stop: &mut UnixStream) -> Result<Machine> {
-    let timeout = Duration::from_secs_f64(options.timeout);
+    let timeout = Duration::from_secs_f64(options.connection.timeout);
     let mut is_reported = false;
     loop {
-        let address = options.tcp.as_deref();
-        let link = Link::open(options.port.as_deref(), options.baud, address, timeout);
+        let address = options.connection.tcp.as_deref();
+        let link = Link::open(
+            options.connection.port.as_deref(),
+            options.connection.baud,
+            address,
+            timeout,
+        );
         match link.and_then(|link| Machine::connect(link, timeout, Some(stop))) {
             Err(error) if options.wait && !error.is::<Stopped>() => {
                 if !is_reported {
@@ -177,8 +182,8 @@ fn forecast_of(
     lines: &[Vec<u8>],
     stop: &UnixStream,
 ) -> Result<Forecast> {
-    let baud = if options.port.is_some() {
-        options.baud
+    let baud = if options.connection.port.is_some() {
+        options.connection.baud
     } else {
         UNLIMITED_BAUD
     };
@@ -300,7 +305,7 @@ impl Run<'_> {
         let mut stopping = None::<Instant>;
         loop {
             self.job.has_operator = self.keyboard.has_operator();
-            if asked.is_none_or(|asked| asked.elapsed() >= ASK_EVERY) {
+            if asked.is_none_or(|asked| asked.elapsed() >= REPORT_INTERVAL) {
                 asked = Some(Instant::now());
                 self.job.ask();
             }
@@ -355,7 +360,7 @@ impl Run<'_> {
         if self.keyboard.has_operator() {
             files.push((input.as_fd(), PollFlags::IN));
         }
-        let ready = link::wait(&files, ASK_EVERY / 4)?;
+        let ready = link::wait(&files, REPORT_INTERVAL / 4)?;
         if ready[0] {
             self.machine.link.receive()?;
             while let Some(line) = self.machine.link.line()? {

@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// How far apart the two interpreters stand where a position is unknown.
-const DISPLACEMENT: Nm = Nm(17_123_457);
+const UNKNOWN_POSITION_OFFSET: Nm = Nm(17_123_457);
 /// Lines of the job by which the approach is checked, at most.
 const CHECKED: usize = 200;
 /// A stored offset is shown with three decimals: the farthest that one may be off, nm.
@@ -167,8 +167,9 @@ fn moved_axes(lines: &[Vec<u8>], mut replay: Replay) -> [bool; AXES] {
 /// Makes the positions of two interpreters differ in some axes.
 fn displace(one: &Replay, other: &mut Replay, axes: [bool; AXES]) {
     let position = one.interpreter.position();
-    let displacement =
-        |axis: usize| Nm(DISPLACEMENT.0 * (1 + i64::from(axis as u8)) * i64::from(axes[axis]));
+    let displacement = |axis: usize| {
+        Nm(UNKNOWN_POSITION_OFFSET.0 * (1 + i64::from(axis as u8)) * i64::from(axes[axis]))
+    };
     let moved = Axes::from_fn(|axis| position[axis] + displacement(axis));
     other.interpreter.set_position(moved);
 }

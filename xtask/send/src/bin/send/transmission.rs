@@ -35,15 +35,15 @@ pub(crate) const KEYS: [(u8, Key); 13] = [
     (b'r', Key::Resume),
     (b'q', Key::Stop),
     (b't', Key::ManualLines),
-    (b'+', Key::Realtime(realtime::FEED_MORE)),
-    (b'-', Key::Realtime(realtime::FEED_LESS)),
+    (b'+', Key::Realtime(realtime::FEED_PLUS_10)),
+    (b'-', Key::Realtime(realtime::FEED_MINUS_10)),
     (b'0', Key::Realtime(realtime::FEED_RESET)),
     (b'f', Key::Realtime(realtime::RAPIDS_FULL)),
     (b'm', Key::Realtime(realtime::RAPIDS_HALF)),
     (b'l', Key::Realtime(realtime::RAPIDS_QUARTER)),
-    (b'S', Key::Realtime(realtime::SPINDLE_MORE)),
-    (b's', Key::Realtime(realtime::SPINDLE_LESS)),
-    (b'c', Key::Realtime(realtime::FLOOD)),
+    (b'S', Key::Realtime(realtime::SPINDLE_PLUS_10)),
+    (b's', Key::Realtime(realtime::SPINDLE_MINUS_10)),
+    (b'c', Key::Realtime(realtime::FLOOD_TOGGLE)),
 ];
 
 impl Key {

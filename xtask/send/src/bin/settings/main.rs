@@ -32,9 +32,14 @@ fn run(options: &Options) -> Result<ExitCode> {
     if let (Some(file), Some(names)) = (file, dump.left_out()) {
         ui::warning(&format!("{}: left out {names}", file.display()));
     }
-    let timeout = Duration::from_secs_f64(options.timeout);
-    let address = options.tcp.as_deref();
-    let link = Link::open(options.port.as_deref(), options.baud, address, timeout)?;
+    let timeout = Duration::from_secs_f64(options.connection.timeout);
+    let address = options.connection.tcp.as_deref();
+    let link = Link::open(
+        options.connection.port.as_deref(),
+        options.connection.baud,
+        address,
+        timeout,
+    )?;
     let mut machine = Machine::connect(link, timeout, None)?;
     if let Some(file) = &options.save {
         let lines = machine.settings()?;

@@ -31,9 +31,9 @@ pub(crate) use terminal::Terminal;
 /// How often a moving machine is run at most.
 const PERIOD: Duration = Duration::from_millis(1);
 /// Bytes that wait for the machine at most; then the sender waits, as with flow control.
-const BACKLOG: usize = 4096;
+const MAX_QUEUED_BYTES: usize = 4096;
 /// Bytes that wait for the sender at most, as many as operating systems keep.
-const UNREAD: usize = 65_536;
+const MAX_UNREAD_BYTES: usize = 65_536;
 
 /// The other end of the line.
 pub(crate) trait Port {
@@ -105,7 +105,7 @@ impl<'a, R: Recorder> Server<'a, R> {
                 }
                 // Nobody reads: what a serial line does with such bytes.
                 self.unsent
-                    .drain(..self.unsent.len().saturating_sub(UNREAD));
+                    .drain(..self.unsent.len().saturating_sub(MAX_UNREAD_BYTES));
             }
             if self.wait(port, stop)? {
                 let simulator = self.machine.simulator();
@@ -115,7 +115,7 @@ impl<'a, R: Recorder> Server<'a, R> {
     }
 
     fn reads(&self) -> bool {
-        self.machine.on_the_line() < BACKLOG
+        self.machine.on_the_line() < MAX_QUEUED_BYTES
     }
 
     /// Runs the machine until now.
