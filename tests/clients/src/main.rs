@@ -26,9 +26,9 @@ use std::{
 };
 
 use anyhow::{Context, Error, Result, anyhow, bail, ensure};
-use clap::Parser;
 use common::{
     check::{self, Check, Verdict},
+    options::{self, Test, Verb},
     tools, ui,
 };
 use leadscrew::settings::Settings;
@@ -187,23 +187,6 @@ impl Wire {
     }
 }
 
-/// Drive sender programs at the simulator and at the firmware
-///
-/// Gets them with pip and npm, and skips what cannot be had.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask test", styles = ui::STYLES, max_term_width = 100, version)]
-struct Options {
-    /// Only those whose name contains this
-    #[arg(value_name = "NAME")]
-    only: Option<String>,
-    /// List them and do nothing
-    #[arg(long)]
-    list: bool,
-    /// How the command is told from the other tests
-    #[arg(long)]
-    clients: bool,
-}
-
 /// From which lines are damaged.
 const SEED: u64 = 7;
 
@@ -211,8 +194,15 @@ const SEED: u64 = 7;
 const PARALLEL_CHECKS: usize = 4;
 
 fn main() -> ExitCode {
-    let Options { only, list, .. } = Options::parse();
-    common::main(|| check::run(all().collect(), only.as_deref(), list, PARALLEL_CHECKS))
+    common::main(|| match options::read() {
+        Verb::Test(Test {
+            only,
+            list,
+            clients: true,
+            ..
+        }) => check::run(all().collect(), only.as_deref(), list, PARALLEL_CHECKS),
+        other => other.refuse(),
+    })
 }
 
 /// Every sender at every machine.
