@@ -12,10 +12,13 @@ fn main() {
     if is_host || std::env::var_os("CARGO_FEATURE_PHASES").is_some() {
         println!("cargo::rustc-cfg=arc_machine");
     }
+    if is_host {
+        return;
+    }
+    // Tests log with `defmt`.
+    println!("cargo::rustc-link-arg-tests=-Tdefmt.x");
     #[cfg(feature = "board")]
-    if std::env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none")
-        && let Err(error) = board::make()
-    {
+    if let Err(error) = board::make() {
         println!("cargo::error={error}");
     }
 }

@@ -26,7 +26,6 @@ pub const Z: usize = 2;
 
 /// One value per axis: X, Y, Z, then A, B, C where the machine has them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Axes<T>(pub [T; AXES]);
 
 impl<T: Copy> Axes<T> {

@@ -12,7 +12,6 @@ use core::iter::Chain;
 
 /// A decimal number: `mantissa / 10^decimals`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Decimal {
     mantissa: i64,
     decimals: u8,

@@ -20,7 +20,6 @@ pub const TICKS_PER_US: u32 = TICKS_PER_SECOND / 1_000_000;
 
 /// A coordinate or a distance along one axis, nm (for a rotary axis: millionths of a degree).
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Nm(pub i64);
 
 impl Nm {
@@ -121,14 +120,12 @@ impl core::ops::Sub for Nm {
 
 /// Steps of one axis, counted from where the machine was switched on or homed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Steps(pub i32);
 
 /// A position in steps with 32 binary places: the exact point of the path, between two steps.
 ///
 /// The step that is due there is the nearest whole number, [`FineSteps::nearest`].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct FineSteps(pub i64);
 
 impl FineSteps {
@@ -162,7 +159,6 @@ impl FineSteps {
 ///
 /// `$100=250` is 250 000 000. At most [`StepsPerMm::MAX`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct StepsPerMm {
     millionths: u64,
     /// Steps per nm, times 2^64: dividing by a million is a multiplication then.

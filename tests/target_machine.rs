@@ -47,8 +47,9 @@ mod rig {
             }
         }
 
-        pub(crate) fn state(&self) -> State {
-            self.machine.snapshot().state
+        pub(crate) fn assert_state(&self, expected: State) {
+            let found = self.machine.snapshot().state;
+            defmt::assert!(found == expected, "{}", defmt::Debug2Format(&found));
         }
 
         pub(crate) fn steps(&self) -> Axes<i32> {
@@ -108,7 +109,7 @@ mod tests {
         assert_eq!(rig.answers, 5);
         assert_eq!(rig.steps().0[..3], [425, -1251, 500]);
         assert_eq!(rig.tally.steps.0[..3], [425, -1251, 500]);
-        assert_eq!(rig.state(), State::Idle);
+        rig.assert_state(State::Idle);
     }
 
     #[test]
@@ -120,7 +121,7 @@ mod tests {
             rig.play(400);
             rig.send(b"!");
             rig.play(usize::MAX);
-            assert_eq!(rig.state(), State::HoldComplete);
+            rig.assert_state(State::HoldComplete);
             rig.send(b"~");
         }
         rig.play(usize::MAX);
@@ -136,7 +137,7 @@ mod tests {
         rig.play(1000);
         rig.send(b"\x18");
         rig.play(usize::MAX);
-        assert_eq!(rig.state(), State::Alarm);
+        rig.assert_state(State::Alarm);
         assert_eq!(i64::from(rig.steps().0[0]), rig.tally.steps.0[0]);
         assert!(rig.steps().0[0] < 2000);
     }

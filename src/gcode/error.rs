@@ -7,7 +7,6 @@ use core::fmt;
 /// Numbers up to 38 are Grbl 1.1's, those above are grblHAL's where its meaning fits, and from 200
 /// on this firmware's own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
 #[repr(u8)]
 pub enum LineError {
     /// A word does not begin with a letter.

@@ -6,7 +6,6 @@ use super::HAS_SECOND_MOTORS;
 
 /// One bit for each input, bits 0 to 5 the limit switches of X, Y, Z, A, B and C.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Levels(pub u16);
 
 /// Number of the bit of the second switch of X.

@@ -4,7 +4,6 @@ use crate::axis::Axes;
 
 /// The state of the machine, with Grbl's names.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum State {
     /// At rest, without a block to execute.
     #[default]

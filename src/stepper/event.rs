@@ -12,7 +12,6 @@ const AXIS_BITS: u32 = (1 << AXES) - 1;
 /// that raises and drops X, which no pulse does, sets the direction outputs instead: the bits of the
 /// other axes are their levels. So one table has the outputs of every event, by one number.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct StepEvent(u32);
 
 impl StepEvent {

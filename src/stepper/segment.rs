@@ -63,7 +63,6 @@ impl Segment {
 
 /// What holds for a whole segment while it is played.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct SegmentInfo {
     /// Start, ticks on the generator's clock, wrapping.
     pub start_ticks: u32,
