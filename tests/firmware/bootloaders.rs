@@ -207,14 +207,14 @@ fn the_firmware_starts_from_whatever_a_bootloader_leaves() {
         eprintln!("{state:?}");
         machine.wait_for_welcome();
         let status = machine.status();
-        assert_eq!(status.state(), "Idle");
-        assert_eq!(status.position(), "0.000,0.000,0.000");
+        assert_eq!(status.state, "Idle");
+        assert_eq!(status.xyz(), Some("0.000,0.000,0.000"));
         let [reset_control] = machine.memory.read(AIRCR.into());
         assert_eq!(reset_control & 0x700, 0, "priorities are grouped");
         machine.make_fast();
         machine.set(&["G91", "G1X2Y-1F600"]);
         let status = machine.wait_for_idle();
-        assert_eq!(status.position(), "2.000,-1.000,0.000");
+        assert_eq!(status.xyz(), Some("2.000,-1.000,0.000"));
         assert_eq!(machine.memory.steps()[..3], [160, -80, 0]);
         assert_eq!(machine.memory.faults(), 0);
     }

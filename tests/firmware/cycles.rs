@@ -24,8 +24,8 @@ fn homing_ends_at_the_pull_off_from_every_switch() {
     };
     assert_eq!(machine.ask("$H"), ["ok"]);
     // Travel and pull-off.
-    let position = machine.wait_for_idle().position();
-    assert_eq!(position, "-28.000,-2.000,-2.000");
+    let status = machine.wait_for_idle();
+    assert_eq!(status.xyz(), Some("-28.000,-2.000,-2.000"));
     // From each switch's edge, and what an axis goes on while the filter waits.
     let ends = [-8 * SCALE, 7 * SCALE, SCALE];
     for (is, should) in machine.memory.steps().iter().zip(ends) {
@@ -73,7 +73,7 @@ fn a_hard_limit_stops_dead_and_locks() {
         (10 * SCALE..10 * SCALE + 3).contains(&stopped[0]),
         "{stopped:?}"
     );
-    assert_eq!(machine.status().state(), "Alarm");
+    assert_eq!(machine.status().state, "Alarm");
     machine.send(b"G1X0F600\n");
     machine.memory.mount_high(0, i32::MAX);
     machine.send(RESET);

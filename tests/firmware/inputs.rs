@@ -37,7 +37,7 @@ fn the_door_stops_and_cycle_start_resumes_once_it_is_closed() {
     assert_eq!(machine.memory.switched().flood(), 0);
     // An open door cannot be resumed from.
     machine.send(b"~");
-    assert_eq!(machine.status().state(), "Door:1");
+    assert_eq!(machine.status().state, "Door:1");
     let stopped = machine.memory.steps();
     machine.memory.close(Levels::NONE);
     machine.wait_for("Door:0");

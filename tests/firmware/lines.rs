@@ -1,9 +1,10 @@
 //! Lines, programs and resets.
 
+use grbl_client::Report;
+
 use crate::{
     cases::rounds,
     machine::{Machine, RESET},
-    report::Report,
     sender::Sender,
 };
 
@@ -13,13 +14,13 @@ fn lines_settings_and_queries_are_answered() {
         return;
     };
     let status = machine.status();
-    assert_eq!(status.state(), "Idle");
-    assert_eq!(status.position(), "0.000,0.000,0.000");
+    assert_eq!(status.state, "Idle");
+    assert_eq!(status.xyz(), Some("0.000,0.000,0.000"));
     assert_eq!(machine.ask("G1X1"), ["error:22"]);
     assert_eq!(machine.ask("G0 X1 ; a comment"), ["ok"]);
     assert_eq!(machine.ask("Q"), ["error:2"]);
     assert_eq!(machine.ask(""), ["ok"]);
-    assert_eq!(machine.wait_for_idle().position(), "1.000,0.000,0.000");
+    assert_eq!(machine.wait_for_idle().xyz(), Some("1.000,0.000,0.000"));
     assert!(machine.ask("$$").contains(&"$100=250.000".to_owned()));
     assert_eq!(machine.ask("$100=80"), ["ok"]);
     assert!(machine.ask("$$").contains(&"$100=80.000".to_owned()));
@@ -50,7 +51,7 @@ fn a_program_ends_where_it_should_with_inverted_outputs() {
     }
     sender.finish();
     let status = machine.wait_for_idle();
-    assert_eq!(status.position(), "3.000,4.000,-1.000");
+    assert_eq!(status.xyz(), Some("3.000,4.000,-1.000"));
 }
 
 #[test]
@@ -59,7 +60,7 @@ fn a_reset_in_motion_stops_keeps_the_position_and_locks() {
         return;
     };
     assert_eq!(machine.ask("G1X150F400"), ["ok"]);
-    while machine.status().state() != "Run" {}
+    while machine.status().state != "Run" {}
     machine.send(RESET);
     let mut lines = vec![machine.receive()];
     while !lines.last().unwrap().starts_with("[MSG:") {
@@ -86,8 +87,7 @@ fn a_reset_in_motion_stops_keeps_the_position_and_locks() {
 
 /// Machine position of X in a status report.
 fn x_mm(status: &Report) -> f64 {
-    let position = status.position();
-    position.split(',').next().unwrap().parse().unwrap()
+    status.machine_position().unwrap()[0]
 }
 
 #[test]
@@ -126,7 +126,7 @@ fn thousands_of_lines_with_holds_resets_and_queries_get_one_answer_each() {
     // A report may still be on its way.
     assert_eq!(machine.ask("G90G0X1Y2").last().unwrap(), "ok");
     let status = machine.wait_for_idle();
-    assert_eq!(status.position(), "1.000,2.000,0.000");
+    assert_eq!(status.xyz(), Some("1.000,2.000,0.000"));
 }
 
 #[test]
@@ -168,6 +168,6 @@ fn bad_input_gets_one_error_a_line_and_moves_nothing() {
         assert_eq!(answer.len(), 1, "{answer:?} for {shown:?}");
     }
     let status = machine.wait_for_idle();
-    assert_eq!(status.position(), "0.000,0.000,0.000");
+    assert_eq!(status.xyz(), Some("0.000,0.000,0.000"));
     assert_eq!(machine.ask(""), ["ok"]);
 }

@@ -10,7 +10,9 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::{memory::Memory, report::Report};
+use grbl_client::Report;
+
+use crate::memory::Memory;
 
 /// Longest time for an answer before the machine counts as dead.
 pub(crate) const TIMEOUT: Duration = Duration::from_mins(1);
@@ -121,7 +123,7 @@ impl Machine {
     pub(crate) fn status(&mut self) -> Report {
         self.send(b"?");
         loop {
-            if let Some(report) = Report::parse(&self.receive()) {
+            if let Some(report) = Report::read(&self.receive()) {
                 return report;
             }
         }
@@ -131,8 +133,8 @@ impl Machine {
     pub(crate) fn wait_for_idle(&mut self) -> Report {
         loop {
             let status = self.status();
-            assert_ne!(status.state(), "Alarm");
-            if status.state() == "Idle" {
+            assert_ne!(status.state, "Alarm");
+            if status.state == "Idle" {
                 return status;
             }
             thread::sleep(Duration::from_millis(20));
@@ -141,7 +143,7 @@ impl Machine {
 
     /// Asks for reports until one has this state.
     pub(crate) fn wait_for(&mut self, state: &str) {
-        self.wait_until(|status| status.state() == state);
+        self.wait_until(|status| status.state == state);
     }
 
     /// Asks for reports until one has a field whose value begins so.

@@ -15,7 +15,5 @@ mod machine;
 mod memory;
 mod priorities;
 mod proven;
-#[path = "../support/report.rs"]
-mod report;
 mod sender;
 mod states;

@@ -6,12 +6,10 @@ use std::{
     time::{Duration, Instant},
 };
 
+use grbl_client::Report;
 use leadscrew::sim::WINDOW;
 
-use crate::{
-    machine::{Machine, RESET, TIMEOUT, is_answer},
-    report::Report,
-};
+use crate::machine::{Machine, RESET, TIMEOUT, is_answer};
 
 /// Streams lines and checks that each gets its own answer, in order.
 pub(crate) struct Sender<'a> {
@@ -71,9 +69,9 @@ impl<'a> Sender<'a> {
             let (_, expected) = self.unanswered.pop_front().expect("an answer for a line");
             assert_eq!(line, expected, "line {}", self.answered);
             self.answered += 1;
-        } else if let Some(report) = Report::parse(line) {
+        } else if let Some(report) = Report::read(line) {
             self.reports += 1;
-            self.state = report.state().into();
+            self.state = report.state;
         }
     }
 

@@ -109,7 +109,7 @@ fn nothing_moves_in_check_mode_and_asleep() {
     assert_eq!(machine.ask("$C"), ["[MSG:Enabled]", "ok"]);
     assert_eq!(machine.ask("G1X10F600"), ["ok"]);
     assert_eq!(machine.ask("G1X10F600Y"), ["error:2"]);
-    assert_eq!(machine.status().state(), "Check");
+    assert_eq!(machine.status().state, "Check");
     machine.send(b"$C\n");
     assert_eq!(machine.receive(), "[MSG:Disabled]");
     machine.wait_for_welcome();

@@ -110,14 +110,14 @@ fn unlocked() -> Settings {
 fn reports_are_of_the_axes() {
     let mut machine = Machine::with(&unlocked());
     assert_eq!(machine.ask("G1 X10 Y-2.5 Z1 F5000"), ["ok"]);
-    assert_eq!(machine.report().position(), "10.000,-2.500,1.000");
+    assert_eq!(machine.report().xyz(), Some("10.000,-2.500,1.000"));
     assert_eq!(machine.xyz(), [600, 1000, 80]);
     // With another meaning of the motors, the same steps are another position.
     assert!(machine.exchange("$795=0\n").contains("ok"));
-    assert_eq!(machine.report().position(), "7.500,12.500,1.000");
+    assert_eq!(machine.report().xyz(), Some("7.500,12.500,1.000"));
     assert!(machine.exchange("$795=1\n").contains("ok"));
     assert_eq!(machine.ask("G1 X20 F5000"), ["ok"]);
-    assert_eq!(machine.report().position(), "20.000,-2.500,1.000");
+    assert_eq!(machine.report().xyz(), Some("20.000,-2.500,1.000"));
     assert_eq!(physical_mm(&machine), [20.0, -2.5]);
 }
 
@@ -144,11 +144,10 @@ fn a_cancelled_jog_leaves_the_axes_where_the_motors_stand() {
     assert_eq!(machine.lines(), ["ok"]);
     let [x, y] = physical_mm(&machine);
     assert!(x > 5.0 && x < 45.0, "{x}");
-    let position = machine.report().position();
-    let shown: Vec<f64> = position.split(',').flat_map(str::parse).collect();
+    let shown = machine.report().machine_position().expect("it is shown");
     assert!(
         (shown[X] - x).abs() < 0.002 && (shown[Y] - y).abs() < 0.002,
-        "{position}, {x}, {y}"
+        "{shown:?}, {x}, {y}"
     );
     assert_eq!(machine.ask("G91 G1 X-1 Y-1 F1000"), ["ok"]);
     let [after_x, after_y] = physical_mm(&machine);
@@ -164,10 +163,10 @@ fn soft_limits_are_those_of_the_axes() {
     };
     let mut machine = Machine::with(&settings);
     assert!(machine.exchange("$H\n").contains("ok"));
-    assert_eq!(machine.report().position(), "0.000,0.000,0.000");
+    assert_eq!(machine.report().xyz(), Some("0.000,0.000,0.000"));
     // 300 mm of belt for motor A, and none for motor B.
     assert_eq!(machine.ask("G1 X-150 Y-150 F5000"), ["ok"]);
-    assert_eq!(machine.report().position(), "-150.000,-150.000,0.000");
+    assert_eq!(machine.report().xyz(), Some("-150.000,-150.000,0.000"));
     assert!(
         machine
             .exchange("$J=G90 X-100 Y-201 F5000\n")
@@ -188,7 +187,7 @@ fn arcs_in_every_plane_end_where_the_program_says() {
     ] {
         assert_eq!(machine.ask(line), ["ok"], "{line}");
     }
-    assert_eq!(machine.report().position(), "7.000,-4.000,3.000");
+    assert_eq!(machine.report().xyz(), Some("7.000,-4.000,3.000"));
     assert_eq!(physical_mm(&machine), [7.0, -4.0]);
 }
 

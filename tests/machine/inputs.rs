@@ -41,11 +41,11 @@ fn homing_machine() -> Machine {
 fn homing_is_answered_when_it_is_over() {
     let mut machine = homing_machine();
     assert_eq!(answers(&mut machine, "$H", 1000), [""; 0]);
-    assert_eq!(machine.report().state(), "Home");
+    assert_eq!(machine.report().state, "Home");
     machine.run(3500);
     assert_eq!(machine.take_received(), "ok\r\n");
     let idle = machine.report();
-    assert_eq!(idle.state(), "Idle");
+    assert_eq!(idle.state, "Idle");
     let home = coordinates("-1.000,-1.000,-1.000");
     assert_eq!(idle.field("MPos"), Some(&*home));
     assert_eq!(answers(&mut machine, "G0X-10", 1000), ["ok"]);
@@ -65,7 +65,7 @@ fn homing_that_fails_locks_the_machine() {
     let expected = ["ALARM:9", "ok", "", "Grbl 1.1h ['$' for help]", lock];
     assert_eq!(lines, expected);
     let alarm = machine.report();
-    assert_eq!(alarm.state(), "Alarm");
+    assert_eq!(alarm.state, "Alarm");
     let stopped = coordinates("0.000,0.000,75.000");
     assert_eq!(alarm.field("MPos"), Some(&*stopped));
 }

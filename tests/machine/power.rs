@@ -153,7 +153,7 @@ fn a_door_that_opens_before_anything_was_sent_is_seen() {
     machine.set_pin(Levels::DOOR, true);
     let received = machine.exchange("");
     assert!(received.ends_with("[MSG:Check Door]\r\n"), "{received}");
-    assert_eq!(machine.report().state(), "Door:1");
+    assert_eq!(machine.report().state, "Door:1");
     let lines = machine.exchange("G0X1\n");
     assert_eq!(lines, "");
 }

@@ -1,11 +1,12 @@
 //! `?` is answered within 5 ms, whatever the machine does.
 
+use grbl_client::Report;
 use leadscrew::{
     axis::{AXES, X},
     model::{Levels, State},
 };
 
-use crate::support::{Machine, Report};
+use crate::support::{Machine, behind_speeds};
 
 /// A machine behind a serial line of 115 200 baud.
 fn on_line(assignments: &[&str]) -> Machine {
@@ -26,16 +27,14 @@ fn report(machine: &mut Machine) -> (Report, f64) {
 /// Sends bytes, and returns what the report after them shows behind the speeds.
 fn extra_after(machine: &mut Machine, bytes: &[u8]) -> String {
     machine.send_for(bytes, 150);
-    let (report, _) = report(machine);
-    let fields: Vec<_> = report.line.split('|').skip(3).collect();
-    fields.join("|")
+    behind_speeds(&report(machine).0)
 }
 
 /// Takes several reports, at odd times, while the machine is in a state.
 fn assert_reports(machine: &mut Machine, state: &str) {
     for pause_ms in [0, 1, 3, 7, 2] {
         let (report, latency_ms) = report(machine);
-        assert_eq!(report.state(), state);
+        assert_eq!(report.state, state);
         assert!(latency_ms <= 5.0, "{state}: {latency_ms} ms");
         machine.run(pause_ms);
     }
@@ -86,7 +85,7 @@ fn a_report_comes_within_5_ms_while_homing_checking_and_asleep() {
     while machine.state() == State::Home {
         let (report, latency_ms) = report(&mut machine);
         if machine.state() == State::Home {
-            assert_eq!(report.state(), "Home");
+            assert_eq!(report.state, "Home");
         }
         assert!(latency_ms <= 5.0, "{latency_ms} ms");
         machine.run(97);

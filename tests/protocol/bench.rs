@@ -1,5 +1,6 @@
 //! A session, and a machine that executes every entry.
 
+use grbl_client::Report;
 use heapless::spsc::Queue;
 use leadscrew::{
     axis::AXES,
@@ -10,10 +11,7 @@ use leadscrew::{
     settings::{Change, Settings, StoreError, Stored},
 };
 
-use super::{
-    machine::is_answer,
-    support::{Report, assigned},
-};
+use super::{machine::is_answer, support::assigned};
 
 pub(crate) const WELCOME: [&str; 2] = ["", "Grbl 1.1h ['$' for help]"];
 pub(crate) const UNLOCK: &str = "[MSG:'$H'|'$X' to unlock]";
@@ -344,7 +342,7 @@ impl Bench {
 
     /// A status report.
     pub(crate) fn report(&mut self) -> Report {
-        Report::parse(&self.answer("?")[0]).expect("a report")
+        Report::read(&self.answer("?")[0]).expect("a report")
     }
 
     /// Closes contacts, and opens all others.

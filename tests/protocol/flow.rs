@@ -145,7 +145,7 @@ fn an_underrun_is_reported_and_only_a_reset_ends_it() {
     let messages = ["ALARM:3", "[MSG:Reset to continue]"];
     assert_eq!(bench.ask("G1X9"), messages);
     assert_eq!(bench.ask("$X"), [""; 0]);
-    assert_eq!(bench.report().state(), "Alarm");
+    assert_eq!(bench.report().state, "Alarm");
     bench.machine.has_underrun = false;
     assert_eq!(bench.answer("\x18"), [WELCOME[0], WELCOME[1], UNLOCK]);
     bench.withholds = false;

@@ -197,7 +197,7 @@ fn asleep_nothing_is_answered_before_a_reset() {
     let mut bench = Bench::new();
     assert_eq!(bench.answer("$SLP\nG0X1\n"), ["ok", "[MSG:Sleeping]"]);
     assert!(bench.ask("$X").is_empty());
-    assert_eq!(bench.report().state(), "Sleep");
+    assert_eq!(bench.report().state, "Sleep");
     assert_eq!(bench.answer("\x18"), [WELCOME[0], WELCOME[1], UNLOCK]);
     assert_eq!(bench.ask("$X"), ["[MSG:Caution: Unlocked]", "ok"]);
     assert_eq!(bench.ask("G0X1"), ["ok"]);

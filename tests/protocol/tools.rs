@@ -140,7 +140,7 @@ fn a_homed_machine_goes_to_the_position_of_g30_for_a_change_and_comes_back() {
     jog(&mut bench, "X-20Y-30Z-40");
     // Not homed.
     change(&mut bench, "T1M6");
-    assert_eq!(bench.report().position(), "-20.000,-30.000,-40.000");
+    assert_eq!(bench.report().xyz(), Some("-20.000,-30.000,-40.000"));
     assert_eq!(bench.answer("~"), ["ok"]);
     assert_eq!(bench.ask("$H").last().unwrap(), "ok");
     jog(&mut bench, "X-20Y-30Z-40");
@@ -156,10 +156,10 @@ fn a_homed_machine_goes_to_the_position_of_g30_for_a_change_and_comes_back() {
         bench.works().iter().filter_map(moved).collect()
     };
     assert_eq!(moves(&mut bench), [[0, 0, 39], [-30, -30, 0], [0, 0, -9]]);
-    assert_eq!(bench.report().position(), "-50.000,-60.000,-10.000");
+    assert_eq!(bench.report().xyz(), Some("-50.000,-60.000,-10.000"));
     assert_eq!(bench.answer("~"), ["ok"]);
     assert_eq!(moves(&mut bench), [[30, 30, 0], [0, 0, -30]]);
-    assert_eq!(bench.report().position(), "-20.000,-30.000,-40.000");
+    assert_eq!(bench.report().xyz(), Some("-20.000,-30.000,-40.000"));
     assert!(bench.ask("$G")[0].starts_with("[GC:G0 G54 G17 G20 G91 G94 G64 "));
 }
 
@@ -180,15 +180,15 @@ fn the_operators_lines_are_executed_before_what_was_received_of_the_program() {
     assert_eq!(bench.machine.state, State::Tool);
     let report = bench.report();
     assert_eq!(
-        (report.state(), &*report.position()),
-        ("Tool", "3.000,4.000,-5.000")
+        (&*report.state, report.xyz()),
+        ("Tool", Some("3.000,4.000,-5.000"))
     );
     assert_eq!(bench.ask("$J=G90X50Y60Z-1F100"), ["ok"]);
     assert_eq!(
         send(&mut bench, b"\xa3$J=G91Z2F100\n\xa3G43.1Z-7\n"),
         ["ok", "ok"]
     );
-    assert_eq!(bench.report().position(), "50.000,60.000,1.000");
+    assert_eq!(bench.report().xyz(), Some("50.000,60.000,1.000"));
     let modes = bench.ask("$G");
     assert_eq!(modes[0], "[GC:G0 G54 G17 G21 G90 G94 M6 M5 M9 T2 F0 S0]");
     assert_eq!(bench.ask("G20G91G55G38.3Z-1F5")[1], "ok");
@@ -197,7 +197,7 @@ fn the_operators_lines_are_executed_before_what_was_received_of_the_program() {
     let moves = bench.works();
     assert_eq!(moves.len(), 5, "{moves:?}");
     assert_eq!(reported_tool(&mut bench), Some("2".into()));
-    assert_eq!(bench.report().position(), "14.000,5.000,-5.000");
+    assert_eq!(bench.report().xyz(), Some("14.000,5.000,-5.000"));
     assert_eq!(bench.ask("$#")[9], "[TLO:-7.000]");
     assert_eq!(
         bench.ask("$G")[0],

@@ -1,10 +1,11 @@
 //! What does not wait for the lines before it: emergencies and realtime bytes.
 
+use grbl_client::Report;
 use leadscrew::model::State;
 
 use crate::{
     machine::{STEPS_PER_MM, numbered, reprap, reprap_with, xy},
-    support::{Machine, Report},
+    support::Machine,
 };
 
 const KILLED: &str = "Error:Printer halted. kill() called!";
@@ -130,7 +131,7 @@ fn realtime_bytes_count_only_after_a_line_end_or_silence() {
     assert_eq!(machine.answers_to(b"M117 \xa0\xa1\x84\x85\n"), ["ok"]);
     assert_eq!(machine.state(), State::Idle);
     // Directly behind a line end.
-    assert_eq!(machine.report().state(), "Idle");
+    assert_eq!(machine.report().state, "Idle");
     machine.send_for(b"G1 X10 F600\n!", 200);
     assert_eq!(machine.state(), State::HoldComplete);
     machine.send_for(b"??~", 20);
@@ -148,7 +149,7 @@ fn realtime_bytes_count_only_after_a_line_end_or_silence() {
         "Error:a word must begin with a letter (error:1)"
     );
     machine.send_for(b"G1 X", 150);
-    assert_eq!(machine.report().state(), "Idle");
+    assert_eq!(machine.report().state, "Idle");
     assert_eq!(machine.answers_to(b"12 F6000\n"), ["ok"]);
     assert_eq!(xy(&machine)[0], 12 * STEPS_PER_MM);
 }
@@ -217,7 +218,7 @@ fn a_full_queue_holds_up_no_emergency_and_no_realtime_byte() {
     let mut machine = sent_ahead(5000, "G1 X1\n!");
     machine.run(200);
     assert_eq!(machine.state(), State::HoldComplete);
-    assert_eq!(machine.report().state(), "Hold:0");
+    assert_eq!(machine.report().state, "Hold:0");
     machine.send_for(b"~", 20);
     assert_eq!(machine.state(), State::Run);
     machine.send_for(b"\x91", 20);
@@ -271,9 +272,9 @@ fn realtime_bytes_take_no_room_from_lines() {
         machine.send_for(b"?", 20);
     }
     let reports = machine.lines();
-    let reports = reports.iter().filter_map(|line| Report::parse(line));
+    let reports = reports.iter().filter_map(|line| Report::read(line));
     assert_eq!(
-        reports.filter(|report| report.state() == "Idle").count(),
+        reports.filter(|report| report.state == "Idle").count(),
         2000
     );
     for y in 1..70 {

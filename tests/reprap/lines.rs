@@ -274,7 +274,7 @@ fn grbls_words_may_have_checked_lines() {
     assert_eq!(machine.ask(&gap), ["ok"]);
     assert_eq!(machine.ask("G150"), ["error:20"]);
     assert_eq!(xy(&machine), [3 * STEPS_PER_MM, 0]);
-    assert_eq!(machine.report().state(), "Idle");
+    assert_eq!(machine.report().state, "Idle");
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::{
     ops::{Deref, DerefMut},
 };
 
+use grbl_client::Report;
 use leadscrew::{
     axis::AXES,
     model::{Levels, State},
@@ -13,12 +14,17 @@ use leadscrew::{
     units::{TICKS_PER_MS, TICKS_PER_SECOND},
 };
 
-use super::Report;
-
 /// A millisecond, ticks.
 pub(crate) const MS: u64 = TICKS_PER_MS as u64;
 /// Longest time for which a machine is in motion, in these tests.
 const LONGEST_MS: u64 = 30 * 60 * 1000;
+
+/// What a report shows behind the speeds, as it is written.
+pub(crate) fn behind_speeds(report: &Report) -> String {
+    let fields = report.fields.iter().skip(2);
+    let fields = fields.map(|(name, value)| format!("{name}:{value}"));
+    fields.collect::<Vec<_>>().join("|")
+}
 
 /// The default settings with these assignments: `110=6000`.
 pub(crate) fn assigned<T: AsRef<str>>(assignments: impl IntoIterator<Item = T>) -> Settings {
@@ -265,7 +271,7 @@ impl Machine {
         let (first, latency) = find("<");
         let (last, _) = find(">\r\n");
         let line: String = self.received.drain(first..last + 3).collect();
-        let report = Report::parse(line.trim_end()).expect("a report");
+        let report = Report::read(line.trim_end()).expect("a report");
         (report, latency as f64 / MS as f64)
     }
 

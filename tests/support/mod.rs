@@ -10,13 +10,12 @@ mod path;
 mod profile;
 mod pulses;
 mod recording;
-mod report;
 mod rig;
 mod trace;
 
 pub(crate) use {
     cases::*, cell::*, host::*, limits::*, machine::*, path::*, profile::*, pulses::*,
-    recording::*, report::*, rig::*, trace::*,
+    recording::*, rig::*, trace::*,
 };
 
 mod host {

@@ -1,5 +1,6 @@
 //! The lines that a machine may send.
 
+use grbl_client::Report;
 use leadscrew::{axis::AXES, gcode::LineError, model::Alarm, settings::Setting};
 
 /// What a message may tell.
@@ -44,11 +45,15 @@ pub(crate) fn is_known(line: &str) -> bool {
             .iter()
             .any(|alarm| alarm.number().to_string() == number);
     }
-    if let Some(words) = enclosed(line, "[", "]") {
+    if let Some(words) = line
+        .strip_prefix('[')
+        .and_then(|line| line.strip_suffix(']'))
+    {
         return is_known_in_brackets(words);
     }
-    if let Some(fields) = enclosed(line, "<", ">") {
-        return is_report(fields);
+    if let Some(report) = Report::read(line) {
+        // Commas between the fields are Grbl 0.9's.
+        return line.contains('|') && is_report(&report);
     }
     if let Some((_, answer)) = line
         .strip_prefix('>')
@@ -89,10 +94,6 @@ pub(crate) fn is_known_to_hosts(line: &str) -> bool {
         || !line.starts_with("error:") && !line.starts_with("Grbl") && is_known(line)
 }
 
-fn enclosed<'a>(line: &'a str, start: &str, end: &str) -> Option<&'a str> {
-    line.strip_prefix(start)?.strip_suffix(end)
-}
-
 fn is_known_in_brackets(words: &str) -> bool {
     let Some((name, value)) = words.split_once(':') else {
         return false;
@@ -117,21 +118,17 @@ fn is_known_in_brackets(words: &str) -> bool {
     }
 }
 
-fn is_report(fields: &str) -> bool {
-    let mut fields = fields.split('|');
-    let state = fields.next().unwrap_or_default();
+fn is_report(report: &Report) -> bool {
     leadscrew::model::State::ALL
         .iter()
-        .any(|known| known.name() == state)
-        && fields.all(|field| match field.split_once(':') {
-            Some(("MPos" | "WPos" | "WCO", place)) => are_coordinates(place),
-            Some(("Bf" | "FS", numbers)) => numbers.split(',').count() == 2 && are_numbers(numbers),
-            Some(("Ov", numbers)) => numbers.split(',').count() == 3 && are_numbers(numbers),
-            Some(("T", number)) => are_numbers(number),
-            Some(("Pn", letters)) => letters
-                .bytes()
-                .all(|letter| b"PXYZABCDRHS".contains(&letter)),
-            Some(("A", letters)) => letters.bytes().all(|letter| b"SCFM".contains(&letter)),
+        .any(|known| known.name() == report.state)
+        && report.fields.iter().all(|(name, value)| match &**name {
+            "MPos" | "WPos" | "WCO" => are_coordinates(value),
+            "Bf" | "FS" => value.split(',').count() == 2 && are_numbers(value),
+            "Ov" => value.split(',').count() == 3 && are_numbers(value),
+            "T" => are_numbers(value),
+            "Pn" => value.bytes().all(|letter| b"PXYZABCDRHS".contains(&letter)),
+            "A" => value.bytes().all(|letter| b"SCFM".contains(&letter)),
             _ => false,
         })
 }
@@ -216,6 +213,7 @@ mod tests {
             "[G55:0.000]",
             &format!("<Hold:7|MPos:{zeros}|FS:0,0>"),
             &format!("<Idle|MPos:{zeros}|FS:0>"),
+            &format!("<Idle,MPos:{zeros}>"),
         ];
         for line in unknown {
             assert!(!is_known(line), "{line}");

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use grbl_client::{Report, numbers};
 use leadscrew::{
     axis::{AXES, Axes},
     sim::Simulator,
@@ -58,11 +59,9 @@ impl ReportRules {
 
     /// Panics if a report lets the sender believe in an offset that has not been in effect lately.
     pub(crate) fn check_report(&mut self, report: &str, is_rotated: bool) {
-        let reported = report
-            .split(['|', '>'])
-            .find_map(|field| field.strip_prefix("WCO:"));
+        let reported = Report::read(report).expect("a report").work_offset();
         if let Some(reported) = reported {
-            self.reported_offset = coordinates(reported);
+            self.reported_offset = reported.try_into().ok();
             self.without_offset = 0;
         } else {
             self.without_offset += 1;
@@ -118,12 +117,7 @@ impl ReportRules {
 
 /// The coordinates in a text, mm.
 fn coordinates(text: &str) -> Option<[f64; AXES]> {
-    let numbers: Vec<f64> = text
-        .split(',')
-        .map(str::parse)
-        .collect::<Result<_, _>>()
-        .ok()?;
-    numbers.try_into().ok()
+    numbers(text)?.try_into().ok()
 }
 
 #[cfg(test)]

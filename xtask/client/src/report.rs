@@ -101,6 +101,14 @@ impl Report {
         self.numbers("MPos")
     }
 
+    /// X, Y and Z of the machine position, as they are written.
+    #[must_use]
+    pub fn xyz(&self) -> Option<&str> {
+        let position = self.field("MPos")?;
+        let of_more = position.match_indices(',').nth(2);
+        Some(of_more.map_or(position, |(end, _)| &position[..end]))
+    }
+
     /// The work position, if the report has it.
     #[must_use]
     pub fn work_position(&self) -> Option<Vec<f64>> {
@@ -270,6 +278,7 @@ mod tests {
         );
         assert_eq!((full.state.as_str(), full.state_name()), ("Hold:1", "Hold"));
         assert_eq!(full.machine_position(), Some(vec![1.0, -2.5, 0.0]));
+        assert_eq!(full.xyz(), Some("1.000,-2.500,0.000"));
         assert_eq!(full.work_position(), None);
         let (blocks, bytes) = (15, 128);
         assert_eq!(full.room(), Some(Room { blocks, bytes }));
@@ -282,6 +291,7 @@ mod tests {
         assert_eq!(full.accessories(), Some("SFM"));
         let short = report("<Idle|WPos:0.000,0.000,0.000|F:30>");
         assert_eq!(short.work_position(), Some(vec![0.0; 3]));
+        assert_eq!(short.xyz(), None);
         assert_eq!((short.feed(), short.spindle_speed()), (Some(30.0), None));
         assert_eq!((short.room(), short.overrides()), (None, None));
         assert_eq!((short.pins(), short.accessories()), ("", None));
@@ -297,6 +307,7 @@ mod tests {
         assert_eq!(hal.state_name(), "Alarm");
         assert!(hal.is_at_rest());
         assert_eq!(hal.machine_position().unwrap()[3], -45.0);
+        assert_eq!(hal.xyz(), Some("0.000,0.000,0.000"));
         assert_eq!(hal.field("FW"), Some("grblHAL"));
         let fluid = report(
             "<Run|MPos:561.700,708.660,-40.480|FS:1187,10000|Ov:100,100,100|A:S|SD:32.31,/sd/PiNC//Aum_Sun_V25_new.nc>",
