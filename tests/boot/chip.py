@@ -219,7 +219,7 @@ class Chip:
         """IWDG_SR: a change needs the slow clock, which the watchdog starts."""
         self.status_reads = self.status_reads + 1 if self.get(IWDG_SR) and self.has_watchdog else 0
         if self.status_reads == CHANGE_READS:
-            self.words[IWDG_SR] = 0
+            self.words[IWDG_SR] = self.status_reads = 0
         return self.get(IWDG_SR)
 
     def watchdog_ms(self):
