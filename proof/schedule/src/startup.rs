@@ -240,9 +240,12 @@ impl Order<'_> {
         to: usize,
         is_avoided: impl Fn(usize) -> bool,
     ) -> bool {
+        // They are in the order of their places.
         let of_block = |block: usize, after: u32| {
-            let all = self.effects.iter().enumerate();
-            all.filter(move |(_, it)| it.block == block && it.address > after)
+            let before = |it: &Effect<'_>| (it.block, it.address) <= (block, after);
+            let first = self.effects.partition_point(before);
+            let behind = self.effects.iter().enumerate().skip(first);
+            behind.take_while(move |(_, it)| it.block == block)
         };
         let begin = from.map_or((0, 0), |from| {
             (self.effects[from].block, self.effects[from].address)

@@ -14,6 +14,7 @@
 
 mod flags;
 mod memory;
+mod sorted;
 mod state;
 mod transfer;
 

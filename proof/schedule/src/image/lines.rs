@@ -19,6 +19,8 @@ pub(super) struct Lines {
     root: Option<String>,
     known: RefCell<HashMap<u32, Rc<[Frame]>>>,
     texts: RefCell<HashSet<Rc<str>>>,
+    /// Names of functions, by those that the linker knows.
+    functions: RefCell<HashMap<String, Rc<str>>>,
     /// Paths as they are shown, by what the debug information says.
     paths: RefCell<HashMap<String, Rc<str>>>,
 }
@@ -31,6 +33,7 @@ impl Lines {
             root: root(file).map_err(|error| error.to_string())?,
             known: RefCell::default(),
             texts: RefCell::default(),
+            functions: RefCell::default(),
             paths: RefCell::default(),
         })
     }
@@ -52,10 +55,10 @@ impl Lines {
             .ok()?;
         let mut frames = Vec::new();
         while let Ok(Some(frame)) = found.next() {
-            let name = frame.function.as_ref().and_then(|name| {
-                let raw = name.raw_name().ok()?;
-                Some(format!("{:#}", rustc_demangle::demangle(&raw)))
-            });
+            let name = frame
+                .function
+                .as_ref()
+                .and_then(|name| Some(self.function(&name.raw_name().ok()?)));
             let (file, line) = match &frame.location {
                 Some(location) => (
                     location.file.unwrap_or_default(),
@@ -64,12 +67,23 @@ impl Lines {
                 None => ("", 0),
             };
             frames.push(Frame {
-                function: self.text(&name.unwrap_or_default()),
+                function: name.unwrap_or_else(|| "".into()),
                 file: self.path(file),
                 line,
             });
         }
         Some(frames)
+    }
+
+    /// A function's name as in the source.
+    fn function(&self, mangled: &str) -> Rc<str> {
+        if let Some(known) = self.functions.borrow().get(mangled) {
+            return Rc::clone(known);
+        }
+        let name = self.text(&format!("{:#}", rustc_demangle::demangle(mangled)));
+        let mut functions = self.functions.borrow_mut();
+        functions.insert(mangled.to_owned(), Rc::clone(&name));
+        name
     }
 
     /// One copy of each text.

@@ -54,8 +54,8 @@ impl State {
         if from.origins().contains(Origins::FRAME) {
             // Any pointer that was kept there.
             let kept = Value::of(Region::Unknown, Origins::ALL);
-            let slot = from.in_frame().and_then(|slot| self.slots.get(&slot));
-            return Some(slot.copied().unwrap_or(kept));
+            let slot = from.in_frame().and_then(|slot| self.slots.get(slot));
+            return Some(slot.unwrap_or(kept));
         }
         let address = from.constant()?;
         if Region::of(address) == Region::Flash {
@@ -67,11 +67,11 @@ impl State {
     /// The memory that the word at an address points into.
     fn pointed_to(&self, around: Surroundings<'_>, from: Value) -> Region {
         let known = match (from.constant(), from.argument_offset(), around.callees) {
-            (Some(address), _, Some(callees)) => callees.statics.get(&address),
-            (None, Some(place), _) => self.given.get(&place),
+            (Some(address), _, Some(callees)) => callees.statics.get(&address).copied(),
+            (None, Some(place), _) => self.given.get(place),
             _ => None,
         };
-        known.copied().unwrap_or(Region::Unknown)
+        known.unwrap_or(Region::Unknown)
     }
 
     /// Forgets what a store to the address `to` may overwrite.
@@ -96,13 +96,14 @@ impl State {
     /// Forgets the words of the frame from `start` to before `end`.
     fn forget_slots(&mut self, start: i32, end: i32) {
         self.slots
-            .retain(|&slot, _| slot + 4 <= start || slot >= end);
+            .retain(|slot, value| (slot + 4 <= start || slot >= end).then_some(value));
     }
 
     /// Forgets words at offsets from an argument.
     fn forget_given(&mut self, register: u8, start: i32, end: i32) {
-        self.given.retain(|&(other, offset), _| {
-            other != register || offset.saturating_add(4) <= start || offset >= end
+        self.given.retain(|(other, offset), region| {
+            let is_kept = other != register || offset.saturating_add(4) <= start || offset >= end;
+            is_kept.then_some(region)
         });
     }
 
@@ -122,10 +123,13 @@ impl State {
             } else {
                 let origins = pointer.origins();
                 if origins.contains(Origins::FRAME) {
-                    self.slots.split_off(&around.lowest_pointer);
+                    let lowest = around.lowest_pointer;
+                    self.slots
+                        .retain(|slot, value| (slot < lowest).then_some(value));
                 }
-                self.given
-                    .retain(|&(register, _), _| !origins.contains(Origins::argument(register)));
+                self.given.retain(|(register, _), region| {
+                    (!origins.contains(Origins::argument(register))).then_some(region)
+                });
             }
         }
     }
@@ -133,12 +137,14 @@ impl State {
     /// After stores through pointers from memory: words of the frame that pointers reach keep the
     /// kind of memory that they point into, and no more.
     pub(super) fn weaken(&mut self, around: Surroundings<'_>) {
-        for (slot, value) in self.slots.split_off(&around.lowest_pointer) {
-            let (region, origins) = (value.region(), value.origins());
-            if region != Region::Unknown || origins != Origins::NONE {
-                self.slots.insert(slot, Value::of(region, origins));
+        self.slots.retain(|slot, value| {
+            if slot < around.lowest_pointer {
+                return Some(value);
             }
-        }
+            let (region, origins) = (value.region(), value.origins());
+            let is_known = region != Region::Unknown || origins != Origins::NONE;
+            is_known.then_some(Value::of(region, origins))
+        });
     }
 
     /// The words that a store puts at constant addresses.

@@ -5,7 +5,7 @@ use std::{
     collections::{BTreeMap, BTreeSet},
 };
 
-use super::{ARGUMENTS, Base, Flags, Origins, Value};
+use super::{ARGUMENTS, Base, Flags, Origins, Value, sorted::Sorted};
 use crate::{Address, Image, Instruction, Operation, Region};
 
 const STACK_POINTER: u8 = 13;
@@ -47,9 +47,9 @@ pub(crate) struct State {
     registers: [Value; 16],
     pub(super) flags: Flags,
     /// Words of the frame, by their distance from the stack pointer at the function's beginning.
-    pub(super) slots: BTreeMap<i32, Value>,
+    pub(super) slots: Sorted<i32, Value>,
     /// The memory into which words at an offset from an argument point, by register and offset.
-    pub(super) given: BTreeMap<(u8, i32), Region>,
+    pub(super) given: Sorted<(u8, i32), Region>,
     /// After an `IT` with an unknown condition, this state holds where the condition does, and the
     /// other state where it does not.
     otherwise: Option<Box<Otherwise>>,
@@ -80,8 +80,8 @@ impl State {
         Self {
             registers,
             flags: Flags::default(),
-            slots: BTreeMap::new(),
-            given: BTreeMap::new(),
+            slots: Sorted::new(),
+            given: Sorted::new(),
             otherwise: None,
         }
     }
@@ -102,7 +102,7 @@ impl State {
         if let Some(top) = self.get(STACK_POINTER).in_frame() {
             let arguments = self.slots.range(top..);
             state.slots = arguments
-                .map(|(&offset, value)| (offset - top, value.abroad()))
+                .map(|(offset, value)| (offset - top, value.abroad()))
                 .collect();
         }
         for register in 0..ARGUMENTS {
@@ -122,7 +122,7 @@ impl State {
         } else if let Some((register, start)) = pointer.argument_offset() {
             let end = start.saturating_add(DESCRIBED);
             let given = self.given.range((register, start)..(register, end));
-            found.extend(given.map(|(&(_, offset), &region)| (offset - start, region)));
+            found.extend(given.map(|((_, offset), region)| (offset - start, region)));
         }
         found.retain(|&(_, region)| region != Region::Unknown);
         found
@@ -130,22 +130,21 @@ impl State {
 
     /// The join of two states: only what holds in both.
     pub(crate) fn join(&self, other: &Self) -> Self {
-        let mut joined = self.clone();
-        for (value, other) in joined.registers.iter_mut().zip(other.registers) {
+        let mut registers = self.registers;
+        for (value, other) in registers.iter_mut().zip(other.registers) {
             *value = value.join(other);
         }
-        joined.flags = self.flags.join(other.flags);
-        joined.slots.retain(|offset, value| {
-            let other = other.slots.get(offset);
-            other
-                .inspect(|other| *value = value.join(**other))
-                .is_some()
-        });
-        let other = &other.given;
-        joined
-            .given
-            .retain(|place, region| other.get(place) == Some(region));
-        joined
+        Self {
+            registers,
+            flags: self.flags.join(other.flags),
+            slots: self
+                .slots
+                .join(&other.slots, |value, other| Some(value.join(other))),
+            given: self
+                .given
+                .join(&other.given, |one, other| (one == other).then_some(one)),
+            otherwise: self.otherwise.clone(),
+        }
     }
 
     pub(crate) fn get(&self, register: u8) -> Value {
