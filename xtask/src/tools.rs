@@ -16,8 +16,8 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::{cargo, ui};
 
-/// The profile of the tools.
-pub const PROFILE: &str = "tools";
+/// The profile of the tools, which tests have, too.
+pub const PROFILE: &str = "dev";
 
 /// A program of the workspace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -176,16 +176,13 @@ pub const WEB: Tool = Tool::new(
     "about a minute",
 )
 .of_pages();
-/// `cargo xtask soak`, `fuzz` and `test --faults`: an overflow ends them.
-pub const SOAK: Tool = Tool {
-    profile: "checked",
-    has_commands: true,
-    ..Tool::new(
-        "soak",
-        "the makers of random histories and inputs",
-        "two minutes",
-    )
-};
+/// `cargo xtask soak`, `fuzz` and `test --faults`.
+pub const SOAK: Tool = Tool::new(
+    "soak",
+    "the makers of random histories and inputs",
+    "two minutes",
+)
+.of_several_commands();
 /// The senders of `cargo xtask test --clients`.
 pub const CLIENTS: Tool = Tool::new("clients", "the test of senders", "about a minute");
 
@@ -282,10 +279,7 @@ fn tool_path(here: &Path, tool: Tool, axes: u8, clock_mhz: u32) -> PathBuf {
         }
     }
     let folder = tool.folder(folder.to_owned(), axes, clock_mhz);
-    let profile = match tool.profile {
-        PROFILE => profile.file_name().unwrap_or_default(),
-        other => OsStr::new(other),
-    };
+    let profile = profile.file_name().unwrap_or_default();
     folder.join(profile).join(tool.file_name())
 }
 
@@ -297,7 +291,11 @@ fn build(tool: Tool, axes: u8) -> Result<PathBuf> {
     let built = tool
         .target
         .map_or(folder.clone(), |target| folder.join(target));
-    let path = built.join(tool.profile).join(tool.file_name());
+    let profile = match tool.profile {
+        PROFILE => "debug",
+        own => own,
+    };
+    let path = built.join(profile).join(tool.file_name());
     let mut command = cargo::cargo(&[
         "build",
         "--profile",
@@ -448,7 +446,7 @@ mod tests {
             ),
             ("    Building [====>   ] 12/60: syn\r", Message::Other),
             (
-                "    Finished `tools` profile [optimized] target(s) in 0.1s\n",
+                "    Finished `dev` profile [optimized] target(s) in 0.1s\n",
                 Message::Done,
             ),
             ("error[E0432]: unresolved import\n", Message::Other),
@@ -464,28 +462,28 @@ mod tests {
     #[test]
     fn a_tool_lies_next_to_another_or_in_the_folder_of_its_axes_and_clock() {
         for (here, tool, axes, clock_mhz, there) in [
-            ("target/tools/xtask", SIM, 3, 168, "target/tools/sim"),
-            ("target/tools/xtask", SIM, 4, 168, "target/axes-4/tools/sim"),
+            ("target/debug/xtask", SIM, 3, 168, "target/debug/sim"),
+            ("target/debug/xtask", SIM, 4, 168, "target/axes-4/debug/sim"),
             (
-                "target/tools/xtask",
+                "target/debug/xtask",
                 SIM,
                 4,
                 96,
-                "target/clock-96/axes-4/tools/sim",
+                "target/clock-96/axes-4/debug/sim",
             ),
             (
-                "target/clock-96/axes-4/tools/sim",
+                "target/clock-96/axes-4/debug/sim",
                 TARGET,
                 4,
                 96,
-                "target/axes-4/tools/target",
+                "target/axes-4/debug/target",
             ),
             (
-                "target/clock-96/tools/sim",
+                "target/clock-96/debug/sim",
                 SCHEDULE,
                 4,
                 96,
-                "target/tools/schedule",
+                "target/debug/schedule",
             ),
             ("/home/me/bin/xtask", SIM, 3, 168, "/home/me/bin/sim"),
         ] {

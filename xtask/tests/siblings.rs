@@ -20,9 +20,9 @@ fn put(folder: &Path, name: &str) {
 #[test]
 fn a_dispatcher_that_has_been_built_starts_built_siblings_without_cargo() {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("siblings");
-    let tools = target.join("tools");
+    let tools = target.join("debug");
     put(&tools, "sim");
-    put(&target.join("axes-4/tools"), "sim");
+    put(&target.join("axes-4/debug"), "sim");
     let xtask = tools.join("xtask");
     fs::copy(env!("CARGO_BIN_EXE_xtask"), &xtask).unwrap();
     let run = |arguments: &[&str]| -> Output {

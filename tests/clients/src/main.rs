@@ -29,7 +29,7 @@ use anyhow::{Context, Error, Result, anyhow, bail, ensure};
 use common::{
     check::{self, Check, Verdict},
     options::{self, Test, Verb},
-    tools, ui,
+    tools,
 };
 use leadscrew::settings::Settings;
 use rustix::process::{Pid, Signal};

@@ -19,11 +19,11 @@ pub(crate) fn run(seed: u64, seconds: u64) -> Result<ExitCode> {
     let mut missed = Vec::new();
     for fault in faults(TABLE)? {
         copy.insert(&fault)?;
-        copy.build(&["build", "--profile", "checked", "--package", "soak"])
+        copy.build(&["build", "--package", "soak"])
             .with_context(|| fault.name.clone())?;
         let start = Instant::now();
         let (seed, seconds) = (seed.to_string(), seconds.to_string());
-        let status = Command::new(copy.target.join("checked/soak"))
+        let status = Command::new(copy.target.join("debug/soak"))
             .args(["soak", "--seed", &seed, "--seconds", &seconds])
             .stdout(Stdio::null())
             .stderr(Stdio::null())

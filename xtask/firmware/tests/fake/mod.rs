@@ -16,10 +16,10 @@ while [ $# -gt 0 ]; do
   esac
   shift
 done
-mkdir -p \"$folder/tools\" \"$folder/$target/release\"
+mkdir -p \"$folder/debug\" \"$folder/$target/release\"
 case \"$tool\" in
-  firmware) ln -sf \"$FIRMWARE_TOOL\" \"$folder/tools/firmware\" ;;
-  schedule) ln -sf \"$0-proof\" \"$folder/tools/schedule\" ;;
+  firmware) ln -sf \"$FIRMWARE_TOOL\" \"$folder/debug/firmware\" ;;
+  schedule) ln -sf \"$0-proof\" \"$folder/debug/schedule\" ;;
   *) cp \"$FALSE_ELF-${LEADSCREW_AXES:-3}\" \"$folder/$target/release/leadscrew\" ;;
 esac
 ";
