@@ -7,7 +7,7 @@ use std::thread;
 
 use leadscrew::model::Levels;
 
-use crate::machine::Machine;
+use crate::machine::{Machine, WELCOME};
 
 /// What a task does instead of its work.
 #[derive(Clone, Copy)]
@@ -119,10 +119,7 @@ fn restart(task: &str, fault: Fault) -> Option<(Machine, Vec<String>)> {
     drop(stopped);
     assert_eq!(machine.memory.faults(), 1);
     machine.memory.close(Levels::NONE);
-    let mut lines = vec![machine.receive()];
-    while lines.last().is_none_or(|line| !line.contains("to unlock")) {
-        lines.push(machine.receive());
-    }
+    let lines = machine.receive_until(|line| line.contains("to unlock"));
     Some((machine, lines))
 }
 
@@ -131,7 +128,7 @@ fn check(mut machine: Machine, lines: &[String], cause: &str) {
     let end = [
         "ALARM:200".to_owned(),
         format!("[MSG:Restarted: {cause}]"),
-        "Grbl 1.1h ['$' for help]".to_owned(),
+        WELCOME.to_owned(),
         "[MSG:'$H'|'$X' to unlock]".to_owned(),
     ];
     assert!(lines.ends_with(&end), "{lines:?}");

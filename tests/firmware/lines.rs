@@ -59,12 +59,9 @@ fn a_reset_in_motion_stops_keeps_the_position_and_locks() {
         return;
     };
     assert_eq!(machine.ask("G1X150F400"), ["ok"]);
-    while machine.status().state() != "Run" {}
+    machine.wait_for("Run");
     machine.send(RESET);
-    let mut lines = vec![machine.receive()];
-    while !lines.last().unwrap().starts_with("[MSG:") {
-        lines.push(machine.receive());
-    }
+    let lines = machine.receive_until(|line| line.starts_with("[MSG:"));
     let expected = [
         "ALARM:3",
         "Grbl 1.1h ['$' for help]",
