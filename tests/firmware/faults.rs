@@ -139,6 +139,9 @@ fn check(mut machine: Machine, lines: &[String], cause: &str) {
     machine.unlock();
     assert_eq!(machine.ask("G0 X1"), ["ok"]);
     machine.wait_for_idle();
+    // The fault has been told.
+    machine.memory.reset_chip();
+    assert_eq!(machine.receive(), WELCOME);
 }
 
 #[test]

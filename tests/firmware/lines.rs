@@ -7,6 +7,10 @@ use crate::{
     sender::Sender,
 };
 
+/// The control register of SysTick, the step timer, and its bit that says that it runs to an event.
+const SYST_CSR: u64 = 0xe000_e010;
+const TICKINT: u32 = 1 << 1;
+
 #[test]
 fn lines_settings_and_queries_are_answered() {
     let Some(mut machine) = Machine::boot() else {
@@ -20,6 +24,12 @@ fn lines_settings_and_queries_are_answered() {
     assert_eq!(machine.ask("Q"), ["error:2"]);
     assert_eq!(machine.ask(""), ["ok"]);
     assert_eq!(machine.wait_for_idle().position(), "1.000,0.000,0.000");
+    let [step_timer] = machine.memory.read(SYST_CSR);
+    assert_eq!(
+        step_timer & TICKINT,
+        0,
+        "no flash is written while the step timer runs"
+    );
     assert!(machine.ask("$$").contains(&"$100=250.000".to_owned()));
     assert_eq!(machine.ask("$100=80"), ["ok"]);
     assert!(machine.ask("$$").contains(&"$100=80.000".to_owned()));
