@@ -305,7 +305,7 @@ fn tasks_preempt_each_other_however_a_bootloader_groups_priorities() {
         machine.wait_for_welcome();
         machine.make_fast();
         machine.set(&["G91", "F3000"]);
-        for _ in 0..20 {
+        for _ in 0..5 {
             machine.send(&b"G1X1Y.5\nG1X-1Y-.5\n".repeat(4));
             for _ in 0..8 {
                 assert_eq!(machine.receive(), "ok");

@@ -52,7 +52,8 @@ fn homing_fails_without_a_switch_and_when_the_door_opens() {
     // Its search is then long enough to be met in its middle.
     machine.set(&["$25=200"]);
     machine.send(b"$H\n");
-    while machine.memory.steps()[2] % (60 * SCALE) < 100 {}
+    let is_far = |steps| steps % (60 * SCALE) >= 100;
+    machine.memory.wait_for_steps(2, is_far);
     machine.memory.close(Levels::DOOR);
     assert_eq!(machine.receive(), "ALARM:7");
 }

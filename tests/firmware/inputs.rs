@@ -10,7 +10,7 @@ fn the_buttons_hold_resume_and_reset() {
         return;
     };
     assert_eq!(machine.ask("G1X150F400"), ["ok"]);
-    while machine.memory.steps()[0] < 100 {}
+    machine.memory.wait_for_steps(0, |steps| steps >= 100);
     machine.memory.close(Levels::HOLD);
     machine.wait_for("Hold:0");
     machine.memory.close(Levels::NONE);
@@ -31,7 +31,7 @@ fn the_door_stops_and_cycle_start_resumes_once_it_is_closed() {
     };
     assert_eq!(machine.ask("M8"), ["ok"]);
     assert_eq!(machine.ask("G1X100F600"), ["ok"]);
-    while machine.memory.steps()[0] < 100 {}
+    machine.memory.wait_for_steps(0, |steps| steps >= 100);
     machine.memory.close(Levels::DOOR);
     machine.wait_for("Door:1");
     assert_eq!(machine.memory.switched().flood(), 0);
@@ -72,9 +72,9 @@ fn a_break_on_the_line_holds_a_move_that_ends_exactly_after_cycle_start() {
         return;
     };
     assert_eq!(machine.ask("G1X150F400"), ["ok"]);
-    while machine.memory.steps()[0] < 100 {}
+    machine.memory.wait_for_steps(0, |steps| steps >= 100);
     machine.memory.pull_line(true);
-    while machine.receive() != "[MSG:Break on the line]" {}
+    machine.receive_until(|line| line == "[MSG:Break on the line]");
     machine.wait_for("Hold:0");
     // The break lasts, and holds no second time.
     machine.send(b"~");

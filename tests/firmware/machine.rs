@@ -2,6 +2,7 @@
 
 use std::{
     env,
+    fmt::Debug,
     io::{BufRead, BufReader, Write},
     path::Path,
     process::{Child, Command, Stdio},
@@ -14,9 +15,27 @@ use grbl_client::Report;
 
 use crate::memory::Memory;
 
-/// Longest time for an answer before the machine counts as dead.
+/// Longest wait for anything before the machine counts as dead.
 pub(crate) const TIMEOUT: Duration = Duration::from_mins(1);
+/// Longest wait for its next line.
+const SILENCE: Duration = Duration::from_secs(20);
 pub(crate) const RESET: &[u8] = b"\x18";
+/// What the firmware says as soon as it can take lines.
+pub(crate) const WELCOME: &str = "Grbl 1.1h ['$' for help]";
+
+/// Looks until there is what is waited for, and not something else.
+pub(crate) fn wait_for<T, E: Debug>(mut look: impl FnMut() -> Result<T, E>) -> T {
+    let start = Instant::now();
+    loop {
+        match look() {
+            Ok(found) => return found,
+            Err(other) => assert!(
+                start.elapsed() < TIMEOUT,
+                "still {other:?} after {TIMEOUT:?}"
+            ),
+        }
+    }
+}
 
 /// The emulated board with the firmware running.
 pub(crate) struct Machine {
@@ -94,9 +113,12 @@ impl Machine {
     /// The next line that is not empty.
     pub(crate) fn receive(&mut self) -> String {
         loop {
-            let line = self.lines.recv_timeout(TIMEOUT);
+            let line = self.lines.recv_timeout(SILENCE);
             let Ok(line) = line else {
-                panic!("the firmware is silent after {:?}", self.received);
+                panic!(
+                    "the firmware is silent for {SILENCE:?} after {:?}",
+                    self.received
+                );
             };
             if !line.is_empty() {
                 self.received.push(line.clone());
@@ -105,40 +127,42 @@ impl Machine {
         }
     }
 
+    /// The next lines, up to one that is waited for.
+    pub(crate) fn receive_until(&mut self, is_last: impl Fn(&str) -> bool) -> Vec<String> {
+        let mut lines = Vec::new();
+        wait_for(|| {
+            lines.push(self.receive());
+            let last = lines.last().filter(|line| !is_last(line));
+            last.map_or(Ok(()), |other| Err(other.clone()))
+        });
+        lines
+    }
+
     pub(crate) fn wait_for_welcome(&mut self) {
-        while self.receive() != "Grbl 1.1h ['$' for help]" {}
+        self.receive_until(|line| line == WELCOME);
     }
 
     /// Sends one line; what comes back up to its answer.
     pub(crate) fn ask(&mut self, line: &str) -> Vec<String> {
         self.send(format!("{line}\n").as_bytes());
-        let mut received = vec![self.receive()];
-        while !is_answer(received.last().unwrap()) {
-            received.push(self.receive());
-        }
-        received
+        self.receive_until(is_answer)
     }
 
     /// A status report; answers in between are lost.
     pub(crate) fn status(&mut self) -> Report {
         self.send(b"?");
-        loop {
-            if let Some(report) = Report::read(&self.receive()) {
-                return report;
-            }
-        }
+        wait_for(|| {
+            let line = self.receive();
+            Report::read(&line).ok_or(line)
+        })
     }
 
     /// Waits until the machine is idle; its last report.
     pub(crate) fn wait_for_idle(&mut self) -> Report {
-        loop {
-            let status = self.status();
+        self.wait_until(|status| {
             assert_ne!(status.state, "Alarm");
-            if status.state == "Idle" {
-                return status;
-            }
-            thread::sleep(Duration::from_millis(20));
-        }
+            status.state == "Idle"
+        })
     }
 
     /// Asks for reports until one has this state.
@@ -154,16 +178,16 @@ impl Machine {
         });
     }
 
-    fn wait_until(&mut self, is_expected: impl Fn(&Report) -> bool) {
-        let start = Instant::now();
-        loop {
+    fn wait_until(&mut self, is_expected: impl Fn(&Report) -> bool) -> Report {
+        wait_for(|| {
             let status = self.status();
             if is_expected(&status) {
-                return;
+                return Ok(status);
             }
-            assert!(start.elapsed() < TIMEOUT, "{status:?}");
-            thread::sleep(Duration::from_millis(5));
-        }
+            // Each report takes the emulator some time, in which nothing moves.
+            thread::sleep(Duration::from_millis(20));
+            Err(status)
+        })
     }
 
     /// Sends lines that are accepted.

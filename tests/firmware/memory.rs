@@ -11,13 +11,13 @@ use std::{
     process,
     sync::atomic::{AtomicU32, Ordering::Relaxed},
     thread,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use leadscrew::model::Levels;
 use object::{Object, ObjectSymbol};
 
-use crate::machine::TIMEOUT;
+use crate::machine::{TIMEOUT, wait_for};
 
 /// Words of `FIGURES` before the positions, and before what is switched.
 const STEPS: u64 = 11;
@@ -111,6 +111,14 @@ impl Memory {
         self.read(self.figures + 4 * STEPS).map(u32::cast_signed)
     }
 
+    /// Waits until an axis is so many steps from where it was at power-up.
+    pub(crate) fn wait_for_steps(&self, axis: usize, is_there: impl Fn(i32) -> bool) {
+        wait_for(|| {
+            let steps = self.steps()[axis];
+            is_there(steps).then_some(()).ok_or(steps)
+        });
+    }
+
     /// The switched outputs.
     pub(crate) fn switched(&self) -> Switched {
         let [bits, duty, highest_duty] = self.read(self.figures + 4 * SWITCHED);
@@ -188,12 +196,11 @@ impl Memory {
     /// Waits until a function runs, and returns where it is.
     pub(crate) fn place_in(&self, part: &str) -> u64 {
         let (start, length) = self.extent(part);
-        loop {
+        wait_for(|| {
             let at = program_counter(&self.access("g"));
-            if (start..start + length).contains(&at) {
-                return at;
-            }
-        }
+            let is_in_it = (start..start + length).contains(&at);
+            is_in_it.then_some(at).ok_or(at)
+        })
     }
 
     /// The address of a symbol, if the firmware has it.
@@ -224,14 +231,15 @@ impl Memory {
 
     /// Stops the machine, as soon as QEMU listens.
     pub(crate) fn stop(&self) -> Stopped {
-        let start = Instant::now();
-        while !self.socket.exists() && start.elapsed() < TIMEOUT {
-            thread::sleep(Duration::from_millis(5));
-        }
-        let stream = UnixStream::connect(&self.socket).expect("QEMU listens to debuggers");
-        let patience = Some(TIMEOUT);
+        let stream = wait_for(|| {
+            let connected = UnixStream::connect(&self.socket);
+            if connected.is_err() {
+                thread::sleep(Duration::from_millis(5));
+            }
+            connected
+        });
         stream
-            .set_read_timeout(patience)
+            .set_read_timeout(Some(TIMEOUT))
             .expect("a socket can wait");
         Stopped { stream }
     }

@@ -9,7 +9,7 @@ use std::{
 use grbl_client::Report;
 use leadscrew::sim::WINDOW;
 
-use crate::machine::{Machine, RESET, TIMEOUT, is_answer};
+use crate::machine::{Machine, RESET, WELCOME, is_answer, wait_for};
 
 /// Streams lines and checks that each gets its own answer, in order.
 pub(crate) struct Sender<'a> {
@@ -40,9 +40,9 @@ impl<'a> Sender<'a> {
 
     /// Sends a line as soon as there is room for it.
     pub(crate) fn send(&mut self, line: &[u8], answer: &'static str) {
-        while !self.unanswered.is_empty() && self.in_flight() + line.len() > WINDOW {
-            self.listen();
-        }
+        self.listen_until(|sender| {
+            sender.unanswered.is_empty() || sender.in_flight() + line.len() <= WINDOW
+        });
         self.machine.send(line);
         self.unanswered.push_back((line.len(), answer));
     }
@@ -77,22 +77,24 @@ impl<'a> Sender<'a> {
 
     /// Waits until every line has been answered.
     pub(crate) fn finish(&mut self) {
-        let start = Instant::now();
-        while !self.unanswered.is_empty() {
+        self.listen_until(|sender| sender.unanswered.is_empty());
+    }
+
+    fn listen_until(&mut self, is_done: impl Fn(&Self) -> bool) {
+        wait_for(|| {
+            if is_done(self) {
+                return Ok(());
+            }
             self.listen();
-            assert!(start.elapsed() < 3 * TIMEOUT, "{:?}", self.unanswered);
-        }
+            Err(self.state.clone())
+        });
     }
 
     /// Resets: answers that are on their way still come, then the welcome, then none of the old.
     /// Returns the number of lines that got no answer.
     pub(crate) fn reset(&mut self) -> usize {
         self.machine.send(RESET);
-        loop {
-            let line = self.machine.receive();
-            if line.starts_with("Grbl") {
-                break;
-            }
+        for line in self.machine.receive_until(|line| line == WELCOME) {
             self.take(&line);
         }
         let dropped = self.unanswered.len();

@@ -1,6 +1,6 @@
 //! Jogs, overrides, outputs and states.
 
-use crate::machine::{Machine, RESET};
+use crate::machine::{Machine, RESET, wait_for};
 
 #[test]
 fn a_jog_can_be_cancelled() {
@@ -34,7 +34,7 @@ fn overrides_change_the_speed_in_motion() {
     };
     machine.make_fast();
     assert_eq!(machine.ask("G1X400F600"), ["ok"]);
-    while machine.memory.steps()[0] < 400 {}
+    machine.memory.wait_for_steps(0, |steps| steps >= 400);
     // 200 %, then 25 % of rapids, and the spindle's to 90 %.
     machine.send(&[0x91; 10]);
     machine.send(&[0x97, 0x9b]);
@@ -98,7 +98,10 @@ fn drivers_are_released_after_the_idle_delay() {
     machine.set(&["$1=5"]);
     assert_eq!(machine.ask("G0X2"), ["ok"]);
     machine.wait_for_idle();
-    while machine.memory.switched().drivers() == 1 {}
+    wait_for(|| match machine.memory.switched() {
+        on if on.drivers() == 1 => Err(on),
+        _ => Ok(()),
+    });
 }
 
 #[test]

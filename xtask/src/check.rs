@@ -76,14 +76,14 @@ pub fn by<A: AsRef<OsStr>>(
     verdict_of(tool, command.args(arguments))
 }
 
-/// Has a tool check something of firmware with more features.
-pub fn with_features<A: AsRef<OsStr>>(
+/// The same with a variable of the environment.
+pub fn with<A: AsRef<OsStr>>(
     tool: Tool,
     arguments: impl IntoIterator<Item = A>,
-    features: &str,
+    (variable, value): (&str, &str),
 ) -> Result<Verdict> {
     let mut command = tools::command_for(tool, cargo::axes())?;
-    verdict_of(tool, command.args(arguments).env(cargo::FEATURES, features))
+    verdict_of(tool, command.args(arguments).env(variable, value))
 }
 
 fn verdict_of(tool: Tool, command: &mut Command) -> Result<Verdict> {

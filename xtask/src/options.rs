@@ -96,8 +96,8 @@ pub enum Verb {
     /// Build the firmware and test it over its serial line
     #[command(hide = true)]
     Serial {
-        /// Only the tests whose name contains this
-        only: Option<String>,
+        /// Only the tests whose names contain one of these
+        only: Vec<String>,
     },
     #[command(hide = true)]
     SimOnTarget(SimOnTarget),

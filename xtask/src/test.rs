@@ -3,6 +3,7 @@
 //! What is quick finds most of what a change breaks; the rest takes long, or finds what is seldom broken.
 
 use std::{
+    env,
     process::{self, ExitCode},
     time::Instant,
 };
@@ -138,7 +139,7 @@ fn rest() -> Vec<Check> {
             let mut command = cargo(&["test", "--no-fail-fast", "--package=tests"]);
             // Most of their time is their own.
             command.args(["--config", "profile.dev.package.tests.opt-level=1"]);
-            wait(with_all_cases(&mut command))
+            wait(command.env(CASES, all_cases()))
         }),
         plain("tests of the tools", || {
             let mut command = cargo(&["test", "--workspace", "--no-fail-fast"]);
@@ -146,10 +147,17 @@ fn rest() -> Vec<Check> {
         }),
         by(tools::SOAK, "a day in virtual time", &["soak", "--day"]),
     ];
-    checks.push(emulated(by(
-        tools::FIRMWARE,
-        "more lines over the serial line",
-        &["serial", "thousands_of_lines"],
+    checks.push(emulated(Check::new(
+        "every case over the serial line",
+        || {
+            let tests = [
+                "serial",
+                "a_task_that_hangs",
+                "thousands_of_lines",
+                "bad_input",
+            ];
+            check::with(tools::FIRMWARE, tests, (CASES, &all_cases()))
+        },
     )));
     checks.extend(with_features());
     for board in WHOLE {
@@ -177,12 +185,12 @@ fn rest() -> Vec<Check> {
     checks
 }
 
-/// Random tests try all that they name, or as many times that as are asked for.
-fn with_all_cases(command: &mut process::Command) -> &mut process::Command {
-    if std::env::var_os("LEADSCREW_CASES").is_none() {
-        command.env("LEADSCREW_CASES", "1");
-    }
-    command
+/// How many times as many cases random tests try as they name: see `tests/support/cases.rs`.
+const CASES: &str = "LEADSCREW_CASES";
+
+/// All that they name, or as many times that as are asked for.
+fn all_cases() -> String {
+    env::var(CASES).unwrap_or_else(|_| "1".into())
 }
 
 /// The programs of host tests in which something has as many parts as there are axes, and their modules in which nothing
@@ -242,14 +250,14 @@ fn with_features() -> impl Iterator<Item = Check> {
                 "--features",
                 feature,
             ]);
-            wait(command.args(&tests).env_remove("LEADSCREW_CASES"))?;
+            wait(command.args(&tests).env_remove(CASES))?;
             if !feature.starts_with("axes") {
                 return Ok(());
             }
             wait(
                 cargo(&UNIT_TESTS)
                     .args(["--features", feature])
-                    .env_remove("LEADSCREW_CASES"),
+                    .env_remove(CASES),
             )
         })
     })
@@ -288,7 +296,7 @@ fn proofs() -> Vec<Check> {
     });
     let for_hosts = Check::new("the proof with the RepRap dialect", || {
         let arguments = ["--board", SHOWN, "--verdict"];
-        check::with_features(tools::SCHEDULE, arguments, "reprap")
+        check::with(tools::SCHEDULE, arguments, (cargo::FEATURES, "reprap"))
     });
     all.chain([for_hosts]).collect()
 }
