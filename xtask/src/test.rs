@@ -49,8 +49,7 @@ pub(crate) fn start(options: &Test) -> Result<ExitCode> {
 const PARALLEL_CHECKS: usize = 2;
 /// What is not quick, and how to test it.
 const REST_SUMMARY: &str = "lints, every case of the random tests, the tools, other numbers of axes, the other boards and \
-    their proofs, tests on the emulated processor (`cargo xtask test --all`); real senders (`--clients`); random \
-    histories (`cargo xtask soak`)";
+    their proofs, tests on the emulated processor, random histories, sender programs (`cargo xtask test --all`)";
 
 /// A check that needs no words when it passes.
 fn plain(name: impl Into<String>, run: impl Fn() -> Result<()> + Send + 'static) -> Check {
@@ -60,6 +59,11 @@ fn plain(name: impl Into<String>, run: impl Fn() -> Result<()> + Send + 'static)
 /// A check that runs a command to its end.
 fn runs<const N: usize>(name: impl Into<String>, arguments: [&'static str; N]) -> Check {
     plain(name, move || wait(&mut cargo(&arguments)))
+}
+
+/// A check that a tool makes which shows what it finds.
+fn shown_by(tool: Tool, name: &str, arguments: &'static [&'static str]) -> Check {
+    plain(name, move || wait(tools::command(tool)?.args(arguments)))
 }
 
 /// A check that a tool makes.
@@ -127,7 +131,35 @@ fn quick() -> Vec<Check> {
 
 /// What takes long.
 fn rest() -> Vec<Check> {
-    let mut checks = vec![
+    // First, for it takes longest, on one processor.
+    let mut checks = vec![shown_by(
+        tools::SCHEDULE,
+        "a fault of each kind that the proof finds",
+        &["--mutants=10"],
+    )];
+    checks.extend(of_the_sources());
+    checks.extend(with_features());
+    for board in WHOLE {
+        checks.push(plain(format!("lints, {board}"), move || lint(board)));
+        checks.push(Check::new(format!("firmware, {board}"), move || {
+            check::by(tools::FIRMWARE, ["all", board], cargo::axes())
+        }));
+    }
+    checks.extend(proofs());
+    checks.extend(in_the_emulator());
+    checks.extend([
+        by(tools::SOAK, "a day in virtual time", &["soak", "--day"]),
+        by(tools::SOAK, "random histories", &["soak"]),
+        by(tools::SOAK, "random inputs", &["fuzz"]),
+        // It uses two processors and more, and waits for senders most of the time.
+        shown_by(tools::CLIENTS, "sender programs", &["test", "--clients"]),
+    ]);
+    checks
+}
+
+/// Lints, and the tests with all their cases.
+fn of_the_sources() -> Vec<Check> {
+    vec![
         plain("lints, host", || {
             cargo::need_component("clippy", "clippy")?;
             wait(cargo(&["clippy", "--workspace", "--all-targets"]).args(["--", "-Dwarnings"]))
@@ -145,35 +177,16 @@ fn rest() -> Vec<Check> {
             let mut command = cargo(&["test", "--workspace", "--no-fail-fast"]);
             wait(command.args(["--exclude=leadscrew", "--exclude=tests"]))
         }),
-        by(tools::SOAK, "a day in virtual time", &["soak", "--day"]),
-    ];
-    checks.push(emulated(Check::new(
-        "every case over the serial line",
-        || {
-            let tests = [
-                "serial",
-                "a_task_that_hangs",
-                "thousands_of_lines",
-                "bad_input",
-            ];
-            check::with(tools::FIRMWARE, tests, (CASES, &all_cases()))
-        },
-    )));
-    checks.extend(with_features());
-    for board in WHOLE {
-        checks.push(plain(format!("lints, {board}"), move || lint(board)));
-        checks.push(Check::new(format!("firmware, {board}"), move || {
-            check::by(tools::FIRMWARE, ["all", board], cargo::axes())
-        }));
-    }
-    checks.extend(proofs());
-    checks.push(Check::new(
-        "tests on the target",
-        || match cargo::need_qemu() {
-            Ok(_) => on_target().map(|()| Verdict::Passed),
-            Err(error) => Ok(Verdict::Skipped(error.to_string())),
-        },
-    ));
+    ]
+}
+
+/// What takes long in the emulator.
+fn in_the_emulator() -> Vec<Check> {
+    let over_serial = || {
+        let tests = ["a_task_that_hangs", "thousands_of_lines", "bad_input"];
+        let arguments = ["serial"].into_iter().chain(tests);
+        check::with(tools::FIRMWARE, arguments, (CASES, &all_cases()))
+    };
     let by_target = [
         ("calibration without a counter", &["check", "calibration"]),
         ("bring-up as far as QEMU goes", &["check", "bring-up"]),
@@ -181,8 +194,18 @@ fn rest() -> Vec<Check> {
         ("the same on the chip", &["check", "chip"]),
         ("the same in the firmware", &["check", "firmware"]),
     ];
-    checks.extend(by_target.map(|(name, arguments)| emulated(by(tools::TARGET, name, arguments))));
-    checks
+    let others = [
+        plain("tests on the target", on_target),
+        Check::new("every case over the serial line", over_serial),
+        shown_by(
+            tools::SCHEDULE,
+            "an execution beside the proof",
+            &["--replay"],
+        ),
+    ];
+    let by_target = by_target.map(|(name, arguments)| by(tools::TARGET, name, arguments));
+    let all = others.into_iter().chain(by_target);
+    all.map(emulated).collect()
 }
 
 /// How many times as many cases random tests try as they name: see `tests/support/cases.rs`.

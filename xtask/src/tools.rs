@@ -184,7 +184,8 @@ pub const SOAK: Tool = Tool::new(
 )
 .of_several_commands();
 /// The senders of `cargo xtask test --clients`.
-pub const CLIENTS: Tool = Tool::new("clients", "the test of senders", "about a minute");
+pub const CLIENTS: Tool =
+    Tool::new("clients", "the test of senders", "about a minute").of_several_commands();
 
 /// A command that starts a tool, which is compiled before where that is necessary. Arguments follow; the first one is
 /// a command where the tool has several.

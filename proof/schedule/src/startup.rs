@@ -244,8 +244,8 @@ impl Order<'_> {
         let of_block = |block: usize, after: u32| {
             let before = |it: &Effect<'_>| (it.block, it.address) <= (block, after);
             let first = self.effects.partition_point(before);
-            let behind = self.effects.iter().enumerate().skip(first);
-            behind.take_while(move |(_, it)| it.block == block)
+            let after_it = self.effects.iter().enumerate().skip(first);
+            after_it.take_while(move |(_, it)| it.block == block)
         };
         let begin = from.map_or((0, 0), |from| {
             (self.effects[from].block, self.effects[from].address)
