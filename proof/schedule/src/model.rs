@@ -208,8 +208,8 @@ impl Model {
 
     /// Cycles of an instruction that does not branch, without misses of the instruction cache.
     pub fn cycles(&self, instruction: &Instruction, region: Region) -> u64 {
-        let wait = self.wait(region);
         let several = |first: u64, each: u64, words: u8| {
+            let wait = self.wait(region);
             if words <= 1 {
                 first + wait + (accesses(instruction) - 1) * (each + wait)
             } else {
@@ -230,7 +230,7 @@ impl Model {
                 several(self.of("float_load"), self.of("store_word"), words)
             }
             Operation::LoadExclusive { .. } | Operation::StoreExclusive { .. } => {
-                self.of("exclusive") + wait
+                self.of("exclusive") + self.wait(region)
             }
             Operation::TableJump { .. } => self.of("table_jump") + self.wait(Region::Flash),
             Operation::Interrupts { .. }
