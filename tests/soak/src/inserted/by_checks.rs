@@ -18,8 +18,10 @@ use super::{
 /// The table of faults.
 pub(super) const TABLE: &str = "tests/faults.toml";
 
-/// What checks begin with that look at how the sources are written: a fault is found by what it does.
-const NOT_OF_WHAT_IT_DOES: [&str; 3] = ["formatting", "lints", "documentation"];
+/// What checks begin with that look at how the sources are written, or at the texts of [`TABLE`] in them: a fault is found
+/// by what it does.
+const NOT_OF_WHAT_IT_DOES: [&str; 4] =
+    ["formatting", "lints", "documentation", "tests of the tools"];
 /// What the proof says of each change of the firmware, right or wrong.
 const OF_EACH_CHANGE: &str = "is out of date: run `cargo xtask schedule --write`";
 /// What names of checks contain that run the code of a board, the quickest first. The others see no more of it than its
@@ -186,7 +188,7 @@ mod tests {
 
     #[test]
     fn what_looks_at_the_words_of_the_sources_is_not_asked() {
-        let list = "formatting\nunit tests\nlints, host\nhost tests\ndocumentation of the library\ndocuments\n";
+        let list = "formatting\nunit tests\nlints, host\nhost tests\ntests of the tools\ndocumentation of the library\ndocuments\n";
         assert_eq!(chosen(list), ["unit tests", "host tests", "documents"]);
     }
 
