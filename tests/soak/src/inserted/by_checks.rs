@@ -18,11 +18,13 @@ use super::{
 /// The table of faults.
 pub(super) const TABLE: &str = "tests/faults.toml";
 
-/// What checks begin with that look at how the sources are written: a fault is found by what it does.
-const NOT_OF_WHAT_IT_DOES: [&str; 4] = [
+/// What checks begin with that look at how the sources are written, or at the texts of [`TABLE`] in them: a fault is found
+/// by what it does.
+const NOT_OF_WHAT_IT_DOES: [&str; 5] = [
     "formatting",
     "lints",
     "documentation",
+    "tests of the tools",
     "a fault of each kind",
 ];
 /// What the proof says of each change of the firmware, right or wrong.
@@ -191,7 +193,7 @@ mod tests {
 
     #[test]
     fn what_looks_at_the_words_of_the_sources_is_not_asked() {
-        let list = "formatting\nunit tests\nlints, host\nhost tests\ndocumentation of the library\ndocuments\n";
+        let list = "formatting\nunit tests\nlints, host\nhost tests\ntests of the tools\ndocumentation of the library\ndocuments\n";
         assert_eq!(chosen(list), ["unit tests", "host tests", "documents"]);
     }
 
