@@ -6,13 +6,7 @@
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BTreeSet},
-};
-
-use petgraph::{
-    Direction::Incoming,
-    algo::dominators::simple_fast,
-    graph::{DiGraph, NodeIndex},
-    visit::{DfsEvent, depth_first_search},
+    iter,
 };
 
 use crate::{Block, Function, Loop};
@@ -30,36 +24,18 @@ pub(crate) fn find(blocks: &[Block]) -> Loops {
         natural: Vec::new(),
         irreducible: Vec::new(),
     };
-    if blocks.is_empty() {
-        return loops;
-    }
-    let edges = (0..).zip(blocks).flat_map(|(from, block)| {
-        let successors = block.successors.iter();
-        successors.map(move |edge| (from, edge.to as u32))
-    });
-    let mut graph = DiGraph::<(), ()>::new();
-    for _ in blocks {
-        graph.add_node(());
-    }
-    graph.extend_with_edges(edges);
-    let start = NodeIndex::new(0);
-    let dominators = simple_fast(&graph, start);
+    let order = Order::of(blocks);
+    let dominators = order.dominators();
     let mut by_head: BTreeMap<usize, Loop> = BTreeMap::new();
-    depth_first_search(&graph, [start], |event| {
-        let DfsEvent::BackEdge(from, head) = event else {
-            return;
-        };
-        let dominates = dominators
-            .dominators(from)
-            .is_some_and(|mut passed| passed.any(|block| block == head));
-        let index = head.index();
-        if !dominates {
-            loops.irreducible.push(index);
-            return;
+    for &(from, head) in &order.back {
+        let mut passed = iter::successors(Some(from), |block| dominators[*block]);
+        if !passed.any(|block| block == head) {
+            loops.irreducible.push(head);
+            continue;
         }
-        let found = by_head.entry(index).or_insert_with(|| Loop {
-            head: index,
-            blocks: BTreeSet::from([index]),
+        let found = by_head.entry(head).or_insert_with(|| Loop {
+            head,
+            blocks: BTreeSet::from([head]),
             back: BTreeSet::new(),
             bound: None,
             counted: None,
@@ -67,19 +43,107 @@ pub(crate) fn find(blocks: &[Block]) -> Loops {
             lines: BTreeSet::new(),
             within: String::new(),
         });
-        found.back.insert(from.index());
+        found.back.insert(from);
         let mut work = vec![from];
         while let Some(block) = work.pop() {
-            if found.blocks.insert(block.index()) {
-                work.extend(graph.neighbors_directed(block, Incoming));
+            if found.blocks.insert(block) {
+                work.extend(&order.sources[block]);
             }
         }
-    });
+    }
     loops.natural = by_head.into_values().collect();
     loops
         .natural
         .sort_by_key(|found| Reverse(found.blocks.len()));
     loops
+}
+
+/// Blocks in the order of a search in depth.
+struct Order {
+    /// Those that are reached, each after all that are first reached from it.
+    finished: Vec<usize>,
+    /// Edges to a block from which the search has come.
+    back: Vec<(usize, usize)>,
+    /// The blocks before each.
+    sources: Vec<Vec<usize>>,
+}
+
+impl Order {
+    fn of(blocks: &[Block]) -> Self {
+        let mut order = Self {
+            finished: Vec::new(),
+            back: Vec::new(),
+            sources: vec![Vec::new(); blocks.len()],
+        };
+        for (from, block) in blocks.iter().enumerate() {
+            for edge in &block.successors {
+                order.sources[edge.to].push(from);
+            }
+        }
+        let mut is_reached = vec![false; blocks.len()];
+        let mut is_open = vec![false; blocks.len()];
+        // With the number of edges that have been followed.
+        let mut path = Vec::new();
+        let mut next = (!blocks.is_empty()).then_some(0);
+        loop {
+            if let Some(reached) = next {
+                is_reached[reached] = true;
+                is_open[reached] = true;
+                path.push((reached, 0));
+            }
+            let Some((block, followed)) = path.last_mut() else {
+                return order;
+            };
+            next = None;
+            let Some(edge) = blocks[*block].successors.get(*followed) else {
+                is_open[*block] = false;
+                order.finished.push(*block);
+                path.pop();
+                continue;
+            };
+            *followed += 1;
+            if is_open[edge.to] {
+                order.back.push((*block, edge.to));
+            } else if !is_reached[edge.to] {
+                next = Some(edge.to);
+            }
+        }
+    }
+
+    /// The nearest other block that is on all paths to a block, for each that has one: Cooper, Harvey and Kennedy, A Simple,
+    /// Fast Dominance Algorithm, 2001.
+    fn dominators(&self) -> Vec<Option<usize>> {
+        let mut number = vec![0; self.sources.len()];
+        for (index, &block) in self.finished.iter().enumerate() {
+            number[block] = index;
+        }
+        let Some((&first, others)) = self.finished.split_last() else {
+            return Vec::new();
+        };
+        let mut dominators = vec![None; self.sources.len()];
+        let mut is_changed = true;
+        while is_changed {
+            is_changed = false;
+            for &block in others.iter().rev() {
+                let sources = self.sources[block].iter().copied();
+                let known = sources.filter(|&from| from == first || dominators[from].is_some());
+                let common = known.reduce(|mut one, mut other| {
+                    while one != other {
+                        let earlier = if number[one] < number[other] {
+                            &mut one
+                        } else {
+                            &mut other
+                        };
+                        *earlier = dominators[*earlier].unwrap_or(first);
+                    }
+                    one
+                });
+                is_changed |= dominators[block] != common;
+                dominators[block] = common;
+            }
+        }
+        dominators
+    }
 }
 
 /// Whether every iteration of a loop executes one of these blocks.
@@ -102,4 +166,73 @@ pub(crate) fn is_on_every_path(
         work.extend(inside);
     }
     true
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::testing;
+
+    /// The blocks that are reached without coming through one.
+    fn reached(blocks: &[Block], without: usize) -> BTreeSet<usize> {
+        let mut seen = BTreeSet::new();
+        let mut work = vec![0];
+        while let Some(block) = work.pop() {
+            if block != without && seen.insert(block) {
+                work.extend(blocks[block].successors.iter().map(|edge| edge.to));
+            }
+        }
+        seen
+    }
+
+    proptest! {
+        #![proptest_config(crate::cases(1000))]
+
+        #[test]
+        fn loops_are_those_of_the_definition(
+            edges in prop::collection::vec(prop::collection::vec(0..9_usize, 0..4), 9)
+        ) {
+            let blocks: Vec<_> = edges
+                .iter()
+                .enumerate()
+                .map(|(index, to)| testing::block(index, 1, to))
+                .collect();
+            let all = reached(&blocks, usize::MAX);
+            let dominates = |head, block| head == block || !reached(&blocks, head).contains(&block);
+            let found = find(&blocks);
+            let mut backs = 0;
+            for head in all.iter().copied() {
+                let sources = all.iter().copied().filter(|from| edges[*from].contains(&head));
+                let back: BTreeSet<_> = sources.filter(|from| dominates(head, *from)).collect();
+                let natural = found.natural.iter().find(|it| it.head == head);
+                prop_assert_eq!(natural.map_or_else(BTreeSet::new, |it| it.back.clone()), back.clone());
+                backs += back.len();
+                let Some(natural) = natural else { continue };
+                // From each of its blocks, an end of the loop is reached without its head.
+                for block in natural.blocks.iter().filter(|block| all.contains(block)) {
+                    let mut seen = BTreeSet::from([head]);
+                    let mut work = vec![*block];
+                    while let Some(next) = work.pop() {
+                        if seen.insert(next) {
+                            work.extend(&edges[next]);
+                        }
+                    }
+                    prop_assert!(*block == head || back.iter().any(|end| seen.contains(end)));
+                }
+            }
+            // Without irreducible loops nothing else leads back: what is left of the graph has an order.
+            if found.irreducible.is_empty() {
+                let order = Order::of(&blocks);
+                let place = |block| order.finished.iter().position(|it| *it == block);
+                let is_forward = |from: &usize, to: &usize| place(*to) < place(*from);
+                let turned = all.iter().flat_map(|from| {
+                    let unique: BTreeSet<_> = edges[*from].iter().collect();
+                    unique.into_iter().filter(move |to| !is_forward(from, to)).collect::<Vec<_>>()
+                });
+                prop_assert_eq!(turned.count(), backs);
+            }
+        }
+    }
 }
