@@ -184,30 +184,3 @@ fn a_use_of_a_layer_above_is_found_however_it_is_written() {
         assert_eq!(upward(path, source, &modules), "", "{path}");
     }
 }
-
-/// A tool that reads its arguments otherwise than `cargo xtask` does refuses what it is started with.
-#[test]
-fn the_command_line_is_read_in_one_place() {
-    let manifests = [
-        "xtask",
-        "xtask/firmware",
-        "xtask/pages",
-        "xtask/send",
-        "xtask/simulation",
-    ]
-    .into_iter()
-    .chain(["proof/schedule", "proof/target"])
-    .chain(["tests/clients", "tests/conformance", "tests/soak"]);
-    let readers: Vec<_> = manifests
-        .filter(|folder| {
-            let path = format!("{}/../{folder}/Cargo.toml", env!("CARGO_MANIFEST_DIR"));
-            let manifest = std::fs::read_to_string(path).expect("a manifest");
-            let used = manifest
-                .split("[dev-dependencies]")
-                .next()
-                .unwrap_or_default();
-            used.contains("\nclap = ")
-        })
-        .collect();
-    assert_eq!(readers, ["xtask"]);
-}

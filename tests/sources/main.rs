@@ -8,6 +8,7 @@ mod costs;
 mod glue;
 mod layers;
 mod links;
+mod options;
 mod paths;
 mod random;
 mod size;

@@ -21,6 +21,13 @@ const LONGEST_MS: u64 = 30 * 60 * 1000;
 
 /// What a report shows behind the speeds, as it is written.
 pub(crate) fn behind_speeds(report: &Report) -> String {
+    let names: Vec<_> = report
+        .fields
+        .iter()
+        .take(2)
+        .map(|(name, _)| &**name)
+        .collect();
+    assert_eq!(names, ["MPos", "FS"]);
     let fields = report.fields.iter().skip(2);
     let fields = fields.map(|(name, value)| format!("{name}:{value}"));
     fields.collect::<Vec<_>>().join("|")

@@ -140,7 +140,7 @@ pub fn run(
         let is_whole = checks.iter().any(|check| check.name == part);
         checks.retain(|check| check.name == part || !is_whole && check.name.contains(part));
         if checks.is_empty() {
-            bail!("no check is called {part:?}: see `cargo xtask test --list`");
+            bail!("no check is called {part:?}: see `cargo xtask test --all --list`");
         }
     }
     if list {
@@ -149,7 +149,25 @@ pub fn run(
         }
         return Ok(ExitCode::SUCCESS);
     }
-    Ok(report(&make_all(checks, at_once)))
+    let outcomes = make_all(checks, at_once);
+    if env::var_os(VARIABLE).is_some() {
+        verdict_on(&outcomes).print();
+    }
+    Ok(report(&outcomes))
+}
+
+/// What checks are, made as one.
+fn verdict_on(outcomes: &[Outcome]) -> Verdict {
+    let count = |is_so: fn(&Outcome) -> bool| outcomes.iter().filter(|it| is_so(it)).count();
+    let failed = count(|it| it.result.is_err());
+    let skipped = count(|it| matches!(it.result, Ok(Verdict::Skipped(_))));
+    let made = outcomes.len() - skipped;
+    let figures = format!("{failed} of {made} failed, {skipped} skipped");
+    if made == 0 {
+        Verdict::Skipped(figures)
+    } else {
+        Verdict::Counted(figures)
+    }
 }
 
 /// Makes checks, some of them at the same time; the outcomes are in the order of the checks.
@@ -252,6 +270,12 @@ mod tests {
             "4"
         );
         assert_eq!(report(&outcomes), ExitCode::FAILURE);
+        let figures = "1 of 9 failed, 0 skipped".into();
+        assert_eq!(verdict_on(&outcomes), Verdict::Counted(figures));
+        let skipped = || Check::new("none", || Ok(Verdict::Skipped("no npm".into())));
+        let figures = "0 of 0 failed, 2 skipped".into();
+        let outcomes = make_all(vec![skipped(), skipped()], 1);
+        assert_eq!(verdict_on(&outcomes), Verdict::Skipped(figures));
         assert!(run(vec![check("a", true)], Some("b"), false, 1).is_err());
         let both = || vec![check("ab", false), check("a", true)];
         assert_eq!(run(both(), Some("a"), false, 1).unwrap(), ExitCode::SUCCESS);

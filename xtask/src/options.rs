@@ -31,8 +31,8 @@ use crate::{
 
 /// Builds, simulates, tests and flashes Leadscrew
 ///
-/// Start with `cargo xtask sim examples/…` to see a program run, and `cargo xtask test` to see everything tested that
-/// needs no hardware. Each command tells more with --help.
+/// Start with `cargo xtask sim examples/…` to see a program run, and `cargo xtask test` for the quick tests. Each
+/// command tells more with --help.
 #[derive(Debug, Parser)]
 #[command(
     name = "xtask",

@@ -33,7 +33,8 @@ pub(crate) fn start(options: &Test) -> Result<ExitCode> {
     };
     let start = Instant::now();
     let only = options.only.as_deref();
-    let at_once = if options.rest { PARALLEL_CHECKS } else { 1 };
+    let is_long = options.rest || options.all;
+    let at_once = if is_long { PARALLEL_CHECKS } else { 1 };
     let code = check::run(checks, only, options.list, at_once)?;
     if !options.list && !options.all && !options.rest && only.is_none() {
         let minutes = start.elapsed().as_secs_f32() / 60.0;
@@ -45,11 +46,12 @@ pub(crate) fn start(options: &Test) -> Result<ExitCode> {
     Ok(code)
 }
 
-/// How many checks of the rest are made at the same time: each works on one processor for part of its time.
+/// How many checks `--rest` and `--all` make at the same time: each works on one processor for part of its time.
 const PARALLEL_CHECKS: usize = 3;
 /// What is not quick, and how to test it.
 const REST_SUMMARY: &str = "lints, every case of the random tests, the tools, other numbers of axes, the other boards and \
-    their proofs, tests on the emulated processor, random histories, sender programs (`cargo xtask test --all`)";
+    their proofs, what the proof must find, tests on the emulated processor, random histories and inputs, sender \
+    programs (`cargo xtask test --rest`)";
 
 /// A check that needs no words when it passes.
 fn plain(name: impl Into<String>, run: impl Fn() -> Result<()> + Send + 'static) -> Check {
@@ -99,20 +101,7 @@ fn quick() -> Vec<Check> {
         }),
         runs("unit tests", UNIT_TESTS),
         runs("host tests", ["test", "--no-fail-fast", "--package=tests"]),
-        // As the host tests are compiled: the tool of `cargo xtask docs` is optimised.
-        runs(
-            "documents",
-            [
-                "run",
-                "--package=firmware",
-                "--no-default-features",
-                "--features=docs",
-                "--bin=docs",
-                "--",
-                "docs",
-                "--check",
-            ],
-        ),
+        by(tools::DOCS, "documents", &["--check"]),
         runs("answers of Grbl", ["test", "--package=conformance"]),
         Check::new("the proof that the documents show", || {
             check::by(tools::SCHEDULE, ["--check"], 3)
@@ -138,7 +127,7 @@ fn rest() -> Vec<Check> {
             "a fault of each kind that the proof finds",
             &["--mutants=10"],
         ),
-        shown_by(tools::CLIENTS, "sender programs", &["test", "--clients"]),
+        by(tools::CLIENTS, "sender programs", &["test", "--clients"]),
     ];
     checks.extend(of_the_sources());
     checks.extend(with_features());
@@ -174,20 +163,20 @@ fn of_the_sources() -> Vec<Check> {
             command.args(["--config", "profile.dev.package.tests.opt-level=1"]);
             wait(command.env(CASES, all_cases()))
         }),
+        plain("unit tests, every case", || {
+            wait(cargo(&UNIT_TESTS).env(CASES, all_cases()))
+        }),
         plain("tests of the tools", || {
             let mut command = cargo(&["test", "--workspace", "--no-fail-fast"]);
-            wait(command.args(["--exclude=leadscrew", "--exclude=tests"]))
+            command.args(["--exclude=leadscrew", "--exclude=tests"]);
+            wait(command.env(CASES, all_cases()))
         }),
     ]
 }
 
 /// What takes long in the emulator.
 fn in_the_emulator() -> Vec<Check> {
-    let over_serial = || {
-        let tests = ["a_task_that_hangs", "thousands_of_lines", "bad_input"];
-        let arguments = ["serial"].into_iter().chain(tests);
-        check::with(tools::FIRMWARE, arguments, (CASES, &all_cases()))
-    };
+    let over_serial = || check::with(tools::FIRMWARE, ["serial"], (CASES, &all_cases()));
     let by_target = [
         ("calibration without a counter", &["check", "calibration"]),
         ("bring-up as far as QEMU goes", &["check", "bring-up"]),

@@ -59,9 +59,9 @@ fn list() -> Result<ExitCode> {
 /// Builds the firmware of a board, and that which records its activations.
 fn every_firmware(board: &str) -> Result<ExitCode> {
     let board = firmware::boards::named(board)?;
-    for options in [&[][..], &["--features", "trace"]] {
-        compile::image(&board, options)?;
-    }
+    compile::image(&board, &[])?;
+    let traced = compile::image(&board, &["--features", "trace"])?;
+    compile::replace(&compile::place(&board, "-trace"), &traced)?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -90,8 +90,8 @@ fn start(options: Start) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What the tests' firmware says that it is proven for, steps per second: they are as quick with any rate, and what is
-/// proven is another check's.
+/// What the tests' firmware says that it is proven for, steps per second, as in `tests/firmware/proven.rs`. What is proven
+/// is for the checks by `cargo xtask schedule`.
 const TESTED_STEP_RATE_HZ: u32 = 200_000;
 
 /// The firmware in QEMU, driven as a sender drives it.
@@ -102,7 +102,6 @@ fn over_serial(only: &[String]) -> Result<ExitCode> {
     compile::replace(&elf, &compile::image(&board, &[])?)?;
     let mut command = cargo::cargo(&["test", "--package", "tests", "--test", "firmware"]);
     command.arg("--").args(only);
-    command.env("FIRMWARE_STEP_RATE", TESTED_STEP_RATE_HZ.to_string());
     command.env(
         "FIRMWARE_ELF",
         firmware::as_if_proven(&elf, TESTED_STEP_RATE_HZ)?,

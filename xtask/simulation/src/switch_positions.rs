@@ -59,7 +59,7 @@ impl SwitchPositions {
                 closes,
                 input,
             });
-            debug_assert!(
+            assert!(
                 is_mounted,
                 "there is room for two switches of each axis and the plate"
             );

@@ -75,7 +75,7 @@ pub struct BoardImport {
     pub printer: InputPath,
 }
 
-/// Write the documents that are made from the code: settings, errors and alarms
+/// Write the documents and tables that are made from the code: G-codes, settings, errors, pins, boards
 #[derive(Debug, clap::Args)]
 pub struct Docs {
     /// Write nothing; fail when a document is out of date
@@ -86,7 +86,7 @@ pub struct Docs {
 /// Build the firmware and write it to the board with a debug probe
 ///
 /// An ST-Link, a J-Link or a CMSIS-DAP probe will do: a Nucleo board has one built in. The first
-/// time, xtask compiles itself anew with probe-rs in it.
+/// time, the tools for boards are compiled anew, with probe-rs in them.
 #[derive(Debug, clap::Args)]
 pub struct Flash {
     /// The board

@@ -61,6 +61,7 @@ impl<K: Ord, V> FromIterator<(K, V)> for Sorted<K, V> {
     fn from_iter<I: IntoIterator<Item = (K, V)>>(pairs: I) -> Self {
         let mut pairs: Vec<_> = pairs.into_iter().collect();
         pairs.sort_by(|one, other| one.0.cmp(&other.0));
+        assert!(pairs.is_sorted_by(|one, other| one.0 < other.0));
         Self(pairs)
     }
 }

@@ -18,8 +18,8 @@ use super::{
 /// The table of faults.
 pub(super) const TABLE: &str = "tests/faults.toml";
 
-/// What checks begin with that look at how the sources are written, or at the texts of [`TABLE`] in them: a fault is found
-/// by what it does.
+/// What checks begin with that look at how the sources are written, at the texts of [`TABLE`] in them, or at faults of
+/// their own: a fault is found by what it does.
 const NOT_OF_WHAT_IT_DOES: [&str; 5] = [
     "formatting",
     "lints",
@@ -115,8 +115,10 @@ fn chosen(list: &str) -> Vec<String> {
     list.lines().filter(is_chosen).map(str::to_owned).collect()
 }
 
-/// Orders checks for a fault: those first that run its code. That of the library is in all of them.
+/// Orders checks for a fault: those first that run its code. That of the library is in all of them, of which senders take
+/// longest.
 fn order(checks: &mut [String], is_of_board: bool) {
+    checks.sort_by_key(|name| name == "sender programs");
     if is_of_board {
         let rank = |name: &String| OF_BOARDS.iter().position(|word| name.contains(word));
         checks.sort_by_key(|name| rank(name).unwrap_or(OF_BOARDS.len()));
@@ -193,7 +195,7 @@ mod tests {
 
     #[test]
     fn what_looks_at_the_words_of_the_sources_is_not_asked() {
-        let list = "formatting\nunit tests\nlints, host\nhost tests\ntests of the tools\ndocumentation of the library\ndocuments\n";
+        let list = "formatting\nunit tests\nlints, host\nhost tests\ntests of the tools\na fault of each kind that the proof finds\ndocumentation of the library\ndocuments\n";
         assert_eq!(chosen(list), ["unit tests", "host tests", "documents"]);
     }
 
