@@ -82,8 +82,13 @@ fn start(options: Start) -> Result<ExitCode> {
         Some(reason) => Err(reason),
         None => rehearsal::python()?,
     };
+    // What differs with more axes is where things lie, and more pins.
+    let is_short = options.few || cargo::axes() != 3;
     let outcome = match python {
-        Ok(python) => format!("starts {}", rehearsal::rehearse(&board, &elf, &python)?),
+        Ok(python) => format!(
+            "starts {}",
+            rehearsal::rehearse(&board, &elf, &python, is_short)?
+        ),
         Err(reason) => format!("{}: {reason}", board::NOT_STARTED),
     };
     println!("{outcome}; {kib}");

@@ -21,9 +21,9 @@ const STAND_INS: [&str; 2] = ["28", "29"];
 /// What a chip is found in, and the options of the model.
 type State = (&'static str, Vec<String>);
 
-/// Starts the firmware of a board from each state with a Python of [`python`], and returns what it has been started
-/// from.
-pub fn rehearse(board: &Board, elf: &Path, python: &Path) -> Result<String> {
+/// Starts the firmware of a board from each state, or from few, with a Python of [`python`], and returns what it has been
+/// started from.
+pub fn rehearse(board: &Board, elf: &Path, python: &Path, is_short: bool) -> Result<String> {
     let python = || {
         let mut command = Command::new(python);
         // Nothing is left beside the sources.
@@ -32,7 +32,7 @@ pub fn rehearse(board: &Board, elf: &Path, python: &Path) -> Result<String> {
     };
     test_model(python())?;
     let facts = facts(board, interrupts(&compile::read(elf)?)?)?;
-    let states = states(board.crystal_mhz, &chip(&board.chip.hal)?, cargo::axes());
+    let states = states(board.crystal_mhz, &chip(&board.chip.hal)?, is_short);
     let mut found: BTreeMap<String, Vec<&str>> = BTreeMap::new();
     // All at once: each is a process of a second or two.
     let started: io::Result<Vec<_>> = { states.iter() }
@@ -126,10 +126,19 @@ fn faults(output: &Output) -> Vec<String> {
 /// The state of a reset, and what all bootloaders together leave.
 const RESET_STATE: &str = "a reset";
 const ALL_BOOTLOADER_STATES: &str = "all of these";
+/// What the firmware must refuse.
+const OTHER_CHIP: &str = "another chip";
+const DAMAGED_IMAGE: &str = "a damaged image";
+/// The states that matter most.
+const SHORT: [&str; 4] = [
+    RESET_STATE,
+    ALL_BOOTLOADER_STATES,
+    OTHER_CHIP,
+    DAMAGED_IMAGE,
+];
 
-/// The states, each alone and some together. What differs with more axes is where things lie, and more pins: two are
-/// enough.
-fn states(crystal_mhz: u32, chip: &Chip, axes: u8) -> Vec<State> {
+/// The states, each alone and some together, or those that matter most.
+fn states(crystal_mhz: u32, chip: &Chip, is_short: bool) -> Vec<State> {
     let other_mhz = if crystal_mhz == 12 { 8 } else { 12 };
     let all = "--dfu --prigroup 5 --systick --irqs --lse";
     [
@@ -142,20 +151,17 @@ fn states(crystal_mhz: u32, chip: &Chip, axes: u8) -> Vec<State> {
         ("LSE running", "--lse".into()),
         (ALL_BOOTLOADER_STATES, all.into()),
         ("no crystal", "--hse 0".into()),
-        (
-            "another chip",
-            format!("--chip {:#x} --refuses", chip.other),
-        ),
+        (OTHER_CHIP, format!("--chip {:#x} --refuses", chip.other)),
         (
             "the chip in its place",
             format!("--chip {:#x}", chip.in_its_place),
         ),
         ("a chip that says nothing", "--chip 0".into()),
-        ("a damaged image", "--damaged --refuses".into()),
+        (DAMAGED_IMAGE, "--damaged --refuses".into()),
         ("another crystal", format!("--hse {other_mhz}")),
     ]
     .into_iter()
-    .filter(|(name, _)| axes == 3 || [RESET_STATE, ALL_BOOTLOADER_STATES].contains(name))
+    .filter(|(name, _)| !is_short || SHORT.contains(name))
     .map(|(name, options)| {
         let words = options.split_whitespace().map(str::to_owned);
         (name, words.collect())
@@ -265,21 +271,19 @@ mod tests {
     }
 
     #[test]
-    fn with_more_axes_two_states_are_left() {
-        let names = |axes| -> Vec<_> {
-            let states = states(8, &chip("f405").unwrap(), axes);
+    fn the_states_that_matter_most_are_of_all() {
+        let names = |is_short| -> Vec<_> {
+            let states = states(8, &chip("f405").unwrap(), is_short);
             states.into_iter().map(|(name, _)| name).collect()
         };
-        assert_eq!(names(3).len(), 14);
-        for axes in 4..=6 {
-            assert_eq!(names(axes), ["a reset", "all of these"]);
-        }
+        assert_eq!(names(false).len(), 14);
+        assert_eq!(names(true), SHORT);
     }
 
     #[test]
     fn the_other_crystal_is_never_that_of_the_board() {
         for crystal_mhz in [8, 12, 25] {
-            let states = states(crystal_mhz, &chip("f405").unwrap(), 3);
+            let states = states(crystal_mhz, &chip("f405").unwrap(), false);
             let (_, options) = states.last().unwrap();
             assert_eq!(options[0], "--hse");
             assert_ne!(options[1], crystal_mhz.to_string());

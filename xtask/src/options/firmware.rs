@@ -120,6 +120,9 @@ pub struct Start {
     /// Where Cargo builds it
     #[arg(long)]
     pub into: Option<PathBuf>,
+    /// Only from the states that matter most
+    #[arg(long)]
+    pub few: bool,
     /// Why it cannot be started: it is only built
     #[arg(long)]
     pub unstarted: Option<String>,
