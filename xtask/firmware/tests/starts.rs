@@ -78,7 +78,7 @@ fn a_firmware_starts_from_every_state_or_is_refused_with_the_fault_and_the_state
 #[test]
 fn the_check_of_a_board_fails_with_one_firmware() {
     for (name, other, status, four_axes) in [
-        ("starts", NO_OVERRIDE, 0, "starts from 2 states of the chip"),
+        ("starts", NO_OVERRIDE, 0, "starts from 4 states of the chip"),
         (
             "fails",
             ["*axes-4*--lse*", "echo LSEON is set; exit 1"],
@@ -96,7 +96,7 @@ fn the_check_of_a_board_fails_with_one_firmware() {
         );
         for begins in [
             format!("{BOARD} with 4 axes: "),
-            format!("{BOARD} with 5 axes: starts from 2 states of the chip; "),
+            format!("{BOARD} with 5 axes: starts from 4 states of the chip; "),
         ] {
             assert!(
                 messages.iter().any(|line| line.starts_with(&begins)),
