@@ -84,7 +84,7 @@ fn moves_without_length_make_no_step_and_add_up() {
 
 #[test]
 fn a_block_of_twenty_metres_ends_on_its_step() {
-    let settings = with(&[8.0, 3.15, 1.2], &[120_000.0], &[2000.0]);
+    let settings = with(&[20.0, 7.874, 3.0], &[120_000.0], &[2000.0]);
     let trace = check(
         &settings,
         &[line(&[20_000.0, -9_999.999, 12_345.678], 120_000.0)],

@@ -77,7 +77,7 @@ pub fn by<A: AsRef<OsStr>>(
 }
 
 /// The same with a variable of the environment.
-pub fn with<A: AsRef<OsStr>>(
+pub fn with_variable<A: AsRef<OsStr>>(
     tool: Tool,
     arguments: impl IntoIterator<Item = A>,
     (variable, value): (&str, &str),

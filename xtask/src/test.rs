@@ -129,16 +129,16 @@ fn rest() -> Vec<Check> {
         ),
         by(tools::CLIENTS, "sender programs", &["test", "--clients"]),
     ];
-    checks.extend(of_the_sources());
+    checks.extend(lints_and_all_cases());
     checks.extend(with_features());
-    for board in WHOLE {
+    for board in LINTED {
         checks.push(plain(format!("lints, {board}"), move || lint(board)));
         checks.push(Check::new(format!("firmware, {board}"), move || {
             check::by(tools::FIRMWARE, ["all", board], cargo::axes())
         }));
     }
     checks.extend(proofs());
-    checks.extend(in_the_emulator());
+    checks.extend(long_in_emulator());
     checks.extend([
         by(tools::SOAK, "a day in virtual time", &["soak", "--day"]),
         by(tools::SOAK, "random histories", &["soak"]),
@@ -148,7 +148,7 @@ fn rest() -> Vec<Check> {
 }
 
 /// Lints, and the tests with all their cases.
-fn of_the_sources() -> Vec<Check> {
+fn lints_and_all_cases() -> Vec<Check> {
     vec![
         plain("lints, host", || {
             cargo::need_component("clippy", "clippy")?;
@@ -175,8 +175,8 @@ fn of_the_sources() -> Vec<Check> {
 }
 
 /// What takes long in the emulator.
-fn in_the_emulator() -> Vec<Check> {
-    let over_serial = || check::with(tools::FIRMWARE, ["serial"], (CASES, &all_cases()));
+fn long_in_emulator() -> Vec<Check> {
+    let over_serial = || check::with_variable(tools::FIRMWARE, ["serial"], (CASES, &all_cases()));
     let by_target = [
         ("calibration without a counter", &["check", "calibration"]),
         ("bring-up as far as QEMU goes", &["check", "bring-up"]),
@@ -276,10 +276,10 @@ fn with_features() -> impl Iterator<Item = Check> {
     })
 }
 
-/// The boards whose images are all built, with every lint, and those whose firmware is proven: of four chips,
+/// The boards that have every lint and all their images built, and those whose firmware is proven: of four chips,
 /// one with a bootloader, one with a large and one with a small EEPROM, one whose motors are driven by phases, one at
 /// 96 MHz. `cargo xtask board check --all --prove` looks at all boards.
-const WHOLE: [&str; 2] = [SHOWN, PHASES];
+const LINTED: [&str; 2] = [SHOWN, PHASES];
 const PROVEN: [&str; 7] = [
     SHOWN,
     "nucleo-f446re",
@@ -309,7 +309,7 @@ fn proofs() -> Vec<Check> {
     });
     let for_hosts = Check::new("the proof with the RepRap dialect", || {
         let arguments = ["--board", SHOWN, "--verdict"];
-        check::with(tools::SCHEDULE, arguments, (cargo::FEATURES, "reprap"))
+        check::with_variable(tools::SCHEDULE, arguments, (cargo::FEATURES, "reprap"))
     });
     all.chain([for_hosts]).collect()
 }

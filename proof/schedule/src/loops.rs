@@ -24,7 +24,7 @@ pub(crate) fn find(blocks: &[Block]) -> Loops {
         natural: Vec::new(),
         irreducible: Vec::new(),
     };
-    let order = Order::of(blocks);
+    let order = DepthFirst::search(blocks);
     let dominators = order.dominators();
     let mut by_head: BTreeMap<usize, Loop> = BTreeMap::new();
     for &(from, head) in &order.back {
@@ -59,7 +59,7 @@ pub(crate) fn find(blocks: &[Block]) -> Loops {
 }
 
 /// Blocks in the order of a search in depth.
-struct Order {
+struct DepthFirst {
     /// Those that are reached, each after all that are first reached from it.
     finished: Vec<usize>,
     /// Edges to a block from which the search has come.
@@ -68,8 +68,8 @@ struct Order {
     sources: Vec<Vec<usize>>,
 }
 
-impl Order {
-    fn of(blocks: &[Block]) -> Self {
+impl DepthFirst {
+    fn search(blocks: &[Block]) -> Self {
         let mut order = Self {
             finished: Vec::new(),
             back: Vec::new(),
@@ -192,7 +192,7 @@ mod tests {
         #![proptest_config(crate::cases(1000))]
 
         #[test]
-        fn loops_are_those_of_the_definition(
+        fn loops_are_what_dominators_define(
             edges in prop::collection::vec(prop::collection::vec(0..9_usize, 0..4), 9)
         ) {
             let blocks: Vec<_> = edges
@@ -228,7 +228,7 @@ mod tests {
             }
             // Without irreducible loops nothing else leads back: what is left of the graph has an order.
             if found.irreducible.is_empty() {
-                let order = Order::of(&blocks);
+                let order = DepthFirst::search(&blocks);
                 let place = |block| order.finished.iter().position(|it| *it == block);
                 let is_forward = |from: &usize, to: &usize| place(*to) < place(*from);
                 let turned = all.iter().flat_map(|from| {

@@ -130,7 +130,7 @@ const ALL_BOOTLOADER_STATES: &str = "all of these";
 const OTHER_CHIP: &str = "another chip";
 const DAMAGED_IMAGE: &str = "a damaged image";
 /// The states that matter most.
-const SHORT: [&str; 4] = [
+const MAIN_STATES: [&str; 4] = [
     RESET_STATE,
     ALL_BOOTLOADER_STATES,
     OTHER_CHIP,
@@ -161,7 +161,7 @@ fn states(crystal_mhz: u32, chip: &Chip, is_short: bool) -> Vec<State> {
         ("another crystal", format!("--hse {other_mhz}")),
     ]
     .into_iter()
-    .filter(|(name, _)| !is_short || SHORT.contains(name))
+    .filter(|(name, _)| !is_short || MAIN_STATES.contains(name))
     .map(|(name, options)| {
         let words = options.split_whitespace().map(str::to_owned);
         (name, words.collect())
@@ -277,7 +277,7 @@ mod tests {
             states.into_iter().map(|(name, _)| name).collect()
         };
         assert_eq!(names(false).len(), 14);
-        assert_eq!(names(true), SHORT);
+        assert_eq!(names(true), MAIN_STATES);
     }
 
     #[test]

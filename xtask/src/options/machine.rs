@@ -1,6 +1,6 @@
 //! Programs on the virtual machine, on the emulated chip, and on a machine.
 
-use std::{path::PathBuf, str::FromStr};
+use std::{path::PathBuf, str::FromStr, time::Duration};
 
 use super::files::{InputPath, OutputPath};
 use crate::BAUD;
@@ -145,8 +145,8 @@ pub struct Connection {
     #[arg(long, value_name = "BAUD", default_value_t = BAUD, requires = "port")]
     pub baud: u32,
     /// How long to wait for an answer, s
-    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds)]
-    pub timeout: f64,
+    #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = seconds)]
+    pub timeout: Duration,
 }
 
 /// Send a G-code program to a machine
@@ -185,8 +185,8 @@ pub struct Send {
     #[arg(long)]
     pub despite_refusals: bool,
     /// How long the spindle gets before the tool goes down where a job is continued, s
-    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds)]
-    pub spin_up: f64,
+    #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = seconds)]
+    pub spin_up: Duration,
     /// The highest feed at which it goes down, mm/min
     #[arg(long, value_name = "MM_MIN", default_value_t = 200.0, value_parser = feed)]
     pub plunge: f32,
@@ -240,9 +240,9 @@ impl FromStr for SecondMotor {
 }
 
 /// Reads a time that can be waited for.
-fn seconds(text: &str) -> Result<f64, String> {
+fn seconds(text: &str) -> Result<Duration, String> {
     match text.parse() {
-        Ok(seconds) if (0.1..=600.0).contains(&seconds) => Ok(seconds),
+        Ok(seconds) if (0.1..=600.0).contains(&seconds) => Ok(Duration::from_secs_f64(seconds)),
         _ => Err("0.1 to 600 seconds are possible".into()),
     }
 }

@@ -58,7 +58,7 @@ impl Lines {
             let name = frame
                 .function
                 .as_ref()
-                .and_then(|name| Some(self.function(&name.raw_name().ok()?)));
+                .and_then(|name| Some(self.demangled(&name.raw_name().ok()?)));
             let (file, line) = match &frame.location {
                 Some(location) => (
                     location.file.unwrap_or_default(),
@@ -76,7 +76,7 @@ impl Lines {
     }
 
     /// A function's name as in the source.
-    fn function(&self, mangled: &str) -> Rc<str> {
+    fn demangled(&self, mangled: &str) -> Rc<str> {
         if let Some(known) = self.functions.borrow().get(mangled) {
             return Rc::clone(known);
         }

@@ -4,9 +4,9 @@ use std::ops::RangeBounds;
 
 /// See the module.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Sorted<K, V>(Vec<(K, V)>);
+pub(super) struct SortedMap<K, V>(Vec<(K, V)>);
 
-impl<K: Copy + Ord, V: Copy> Sorted<K, V> {
+impl<K: Copy + Ord, V: Copy> SortedMap<K, V> {
     pub(super) const fn new() -> Self {
         Self(Vec::new())
     }
@@ -57,7 +57,7 @@ impl<K: Copy + Ord, V: Copy> Sorted<K, V> {
     }
 }
 
-impl<K: Ord, V> FromIterator<(K, V)> for Sorted<K, V> {
+impl<K: Ord, V> FromIterator<(K, V)> for SortedMap<K, V> {
     fn from_iter<I: IntoIterator<Item = (K, V)>>(pairs: I) -> Self {
         let mut pairs: Vec<_> = pairs.into_iter().collect();
         pairs.sort_by(|one, other| one.0.cmp(&other.0));
@@ -68,15 +68,15 @@ impl<K: Ord, V> FromIterator<(K, V)> for Sorted<K, V> {
 
 #[cfg(test)]
 mod tests {
-    use super::Sorted;
+    use super::SortedMap;
 
     #[test]
     fn what_is_in_both_is_joined() {
-        let mut one: Sorted<_, _> = [(5, 'e'), (1, 'a'), (3, 'c')].into_iter().collect();
+        let mut one: SortedMap<_, _> = [(5, 'e'), (1, 'a'), (3, 'c')].into_iter().collect();
         one.insert(2, 'b');
         one.insert(3, 'C');
         assert_eq!(one.range(2..5).collect::<Vec<_>>(), [(2, 'b'), (3, 'C')]);
-        let other: Sorted<_, _> = [(0, 'z'), (3, 'C'), (4, 'y'), (5, 'x')]
+        let other: SortedMap<_, _> = [(0, 'z'), (3, 'C'), (4, 'y'), (5, 'x')]
             .into_iter()
             .collect();
         let same = |value, other| (value == other).then_some(value);

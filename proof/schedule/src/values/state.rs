@@ -5,7 +5,7 @@ use std::{
     collections::{BTreeMap, BTreeSet},
 };
 
-use super::{ARGUMENTS, Base, Flags, Origins, Value, sorted::Sorted};
+use super::{ARGUMENTS, Base, Flags, Origins, Value, sorted::SortedMap};
 use crate::{Address, Image, Instruction, Operation, Region};
 
 const STACK_POINTER: u8 = 13;
@@ -47,9 +47,9 @@ pub(crate) struct State {
     registers: [Value; 16],
     pub(super) flags: Flags,
     /// Words of the frame, by their distance from the stack pointer at the function's beginning.
-    pub(super) slots: Sorted<i32, Value>,
+    pub(super) slots: SortedMap<i32, Value>,
     /// The memory into which words at an offset from an argument point, by register and offset.
-    pub(super) given: Sorted<(u8, i32), Region>,
+    pub(super) given: SortedMap<(u8, i32), Region>,
     /// After an `IT` with an unknown condition, this state holds where the condition does, and the
     /// other state where it does not.
     otherwise: Option<Box<Otherwise>>,
@@ -80,8 +80,8 @@ impl State {
         Self {
             registers,
             flags: Flags::default(),
-            slots: Sorted::new(),
-            given: Sorted::new(),
+            slots: SortedMap::new(),
+            given: SortedMap::new(),
             otherwise: None,
         }
     }

@@ -86,17 +86,11 @@ fn run(options: &Options) -> Result<ExitCode> {
 
 /// Connects with the machine, which may have to be waited for.
 fn connect(options: &Options, stop: &mut UnixStream) -> Result<Machine> {
-    let timeout = Duration::from_secs_f64(options.connection.timeout);
+    let to = &options.connection;
     let mut is_reported = false;
     loop {
-        let address = options.connection.tcp.as_deref();
-        let link = Link::open(
-            options.connection.port.as_deref(),
-            options.connection.baud,
-            address,
-            timeout,
-        );
-        match link.and_then(|link| Machine::connect(link, timeout, Some(stop))) {
+        let link = Link::open(to.port.as_deref(), to.baud, to.tcp.as_deref(), to.timeout);
+        match link.and_then(|link| Machine::connect(link, to.timeout, Some(stop))) {
             Err(error) if options.wait && !error.is::<Stopped>() => {
                 if !is_reported {
                     is_reported = true;
@@ -243,7 +237,7 @@ fn find_entry(
     beginning.interpreter.set_origins(&now.offsets().origins);
     let plunge = Plunge {
         feed_mm_min: options.plunge,
-        spin_up_s: options.spin_up as f32,
+        spin_up_s: options.spin_up.as_secs_f32(),
         reports_tool: kept.is_some_and(|record| record.measured.is_some()),
     };
     let entry = resume::entry(

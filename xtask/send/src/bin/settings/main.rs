@@ -8,7 +8,6 @@ use std::{
     io::Write as _,
     path::{Path, PathBuf},
     process::ExitCode,
-    time::Duration,
 };
 
 use anstream::println;
@@ -32,15 +31,9 @@ fn run(options: &Options) -> Result<ExitCode> {
     if let (Some(file), Some(names)) = (file, dump.left_out()) {
         ui::warning(&format!("{}: left out {names}", file.display()));
     }
-    let timeout = Duration::from_secs_f64(options.connection.timeout);
-    let address = options.connection.tcp.as_deref();
-    let link = Link::open(
-        options.connection.port.as_deref(),
-        options.connection.baud,
-        address,
-        timeout,
-    )?;
-    let mut machine = Machine::connect(link, timeout, None)?;
+    let to = &options.connection;
+    let link = Link::open(to.port.as_deref(), to.baud, to.tcp.as_deref(), to.timeout)?;
+    let mut machine = Machine::connect(link, to.timeout, None)?;
     if let Some(file) = &options.save {
         let lines = machine.settings()?;
         save(file, &lines)?;
