@@ -1,4 +1,4 @@
-//! The firmware behind bootloaders that leave the chip in other states than a reset does.
+//! The firmware behind a bootloader that leaves priorities in groups: which task preempts which, as QEMU logs it.
 //!
 //! A bootloader is some instructions in the flash behind the firmware: it makes its state, and jumps to the firmware
 //! as bootloaders do, without a reset. Instructions: ARMv7-M reference manual, A7.7.
@@ -26,72 +26,37 @@ const RAM: [u32; 2] = [0x2000_0000, 0x2002_0000];
 /// What is left in RAM.
 const PATTERN: u32 = 0xdead_beef;
 
-const SYST_CSR: u32 = 0xe000_e010;
-const SYST_RVR: u32 = 0xe000_e014;
-const NVIC_ISER: u32 = 0xe000_e100;
-const NVIC_ISPR: u32 = 0xe000_e200;
-const ICSR: u32 = 0xe000_ed04;
 const VTOR: u32 = 0xe000_ed08;
 const AIRCR: u32 = 0xe000_ed0c;
-/// `SysTick` and `PendSV` are made pending.
-const PEND: u32 = 1 << 26 | 1 << 28;
-/// Core cycles from one tick to the next: 10 µs, the shortest time that QEMU keeps.
-const TICK_CYCLES: u32 = 1680;
-
 /// Number of files made, for names that differ.
 static COUNT: AtomicU32 = AtomicU32::new(0);
 
-/// What a bootloader leaves, beside other vectors, another stack and a RAM that has been used.
-#[derive(Debug, Clone, Copy, Default)]
-struct State {
-    /// How priorities are grouped.
-    priority_group: u32,
-    /// SysTick interrupts each 10 µs.
-    has_ticks: bool,
-    /// Every interrupt is enabled and pending, behind a mask that is left on.
-    has_interrupts: bool,
+/// The bootloader that leaves other vectors, another stack, a RAM that has been used, and priorities in groups.
+fn bootloader(priority_group: u32) -> Code {
+    let mut code = Code::default();
+    code.mask_interrupts();
+    code.store(VTOR, BOOTLOADER);
+    code.fill_ram();
+    code.store(AIRCR, 0x05fa_0000 | priority_group << 8);
+    code.unmask_interrupts();
+    code.jump_to_firmware();
+    code
 }
 
-impl State {
-    /// The bootloader that leaves this.
-    fn bootloader(self) -> Code {
-        let mut code = Code::default();
-        code.mask_interrupts();
-        code.store(VTOR, BOOTLOADER);
-        code.fill_ram();
-        code.store(AIRCR, 0x05fa_0000 | self.priority_group << 8);
-        if self.has_ticks {
-            code.store(SYST_RVR, TICK_CYCLES - 1);
-            code.store(SYST_CSR, 0b111);
-        }
-        if self.has_interrupts {
-            for word in 0..3 {
-                code.store(NVIC_ISER + 4 * word, u32::MAX);
-                code.store(NVIC_ISPR + 4 * word, u32::MAX);
-            }
-            code.store(ICSR, PEND);
-        } else {
-            code.unmask_interrupts();
-        }
-        code.jump_to_firmware();
-        code
-    }
-
-    /// Starts the firmware behind the bootloader, which is in a file.
-    fn start(self, options: &[&str]) -> Option<(Machine, File)> {
-        let file = File::new("bin");
-        fs::write(&file.0, self.bootloader().image()).expect("a file can be written");
-        let device = |device: String| ["-device".into(), device];
-        let file_name = file.0.display();
-        let content = device(format!(
-            "loader,file={file_name},addr={BOOTLOADER:#x},force-raw=on"
-        ));
-        // The lowest bit says that the code is Thumb.
-        let entry = device(format!("loader,addr={:#x},cpu-num=0", ENTRY | 1));
-        let options = options.iter().map(|option| (*option).to_owned());
-        let options: Vec<_> = content.into_iter().chain(entry).chain(options).collect();
-        Some((Machine::start("FIRMWARE_ELF", &options)?, file))
-    }
+/// Starts the firmware behind the bootloader, which is in a file.
+fn start(priority_group: u32, options: &[&str]) -> Option<(Machine, File)> {
+    let file = File::new("bin");
+    fs::write(&file.0, bootloader(priority_group).image()).expect("a file can be written");
+    let device = |device: String| ["-device".into(), device];
+    let file_name = file.0.display();
+    let content = device(format!(
+        "loader,file={file_name},addr={BOOTLOADER:#x},force-raw=on"
+    ));
+    // The lowest bit says that the code is Thumb.
+    let entry = device(format!("loader,addr={:#x},cpu-num=0", ENTRY | 1));
+    let options = options.iter().map(|option| (*option).to_owned());
+    let options: Vec<_> = content.into_iter().chain(entry).chain(options).collect();
+    Some((Machine::start("FIRMWARE_ELF", &options)?, file))
 }
 
 /// A file that is removed at the end.
@@ -174,79 +139,6 @@ impl Code {
     }
 }
 
-#[test]
-fn the_firmware_starts_from_whatever_a_bootloader_leaves() {
-    let interrupts = State {
-        has_interrupts: true,
-        ..State::default()
-    };
-    let ticks = State {
-        has_ticks: true,
-        ..State::default()
-    };
-    let grouped = |priority_group| State {
-        priority_group,
-        ..State::default()
-    };
-    let all = State {
-        priority_group: 5,
-        has_ticks: true,
-        has_interrupts: true,
-    };
-    for state in [
-        State::default(),
-        grouped(3),
-        grouped(5),
-        ticks,
-        interrupts,
-        all,
-    ] {
-        let Some((mut machine, _file)) = state.start(&[]) else {
-            return;
-        };
-        eprintln!("{state:?}");
-        machine.wait_for_welcome();
-        let status = machine.status();
-        assert_eq!(status.state, "Idle");
-        assert_eq!(status.xyz(), Some("0.000,0.000,0.000"));
-        let [reset_control] = machine.memory.read(AIRCR.into());
-        assert_eq!(reset_control & 0x700, 0, "priorities are grouped");
-        machine.make_fast();
-        machine.set(&["G91", "G1X2Y-1F600"]);
-        let status = machine.wait_for_idle();
-        assert_eq!(status.xyz(), Some("2.000,-1.000,0.000"));
-        assert_eq!(machine.memory.steps()[..3], [160, -80, 0]);
-        assert_eq!(machine.memory.faults(), 0);
-    }
-}
-
-#[test]
-fn no_tick_of_a_bootloader_runs_the_step_interrupt() {
-    let state = State {
-        has_ticks: true,
-        ..State::default()
-    };
-    // Time is the number of instructions: ticks come where they came before.
-    let Some((machine, _file)) = state.start(&["-S", "-icount", "shift=0"]) else {
-        return;
-    };
-    let memory = &machine.memory;
-    let symbol = |name| memory.symbol(name).expect("the firmware has it");
-    let step = symbol("SysTick");
-    let (main, idle) = (symbol("main"), memory.function("3app4idle17h"));
-    let mut stopped = memory.stop();
-    assert_eq!(
-        stopped.run_to_first(&[step, main]),
-        main,
-        "a tick has run `step` before memory is initialised"
-    );
-    assert_eq!(
-        stopped.run_to_first(&[step, idle]),
-        idle,
-        "a tick has run `step` before `idle`"
-    );
-}
-
 /// How often an exception, in a log of QEMU, preempts another one, by their vectors.
 fn preemptions(log: &str) -> BTreeMap<[usize; 2], usize> {
     let mut running = Vec::new();
@@ -292,14 +184,9 @@ fn tasks_preempt_each_other_however_a_bootloader_groups_priorities() {
     const PREPARE: usize = 16 + 24;
     const INTERPRET: usize = 16 + 33;
     for priority_group in [0, 5] {
-        let state = State {
-            priority_group,
-            ..State::default()
-        };
         let log = File::new("log");
-        let Some((mut machine, _file)) =
-            state.start(&["-d", "int", "-D", &log.0.to_string_lossy()])
-        else {
+        let options = ["-d", "int", "-D", &log.0.to_string_lossy()];
+        let Some((mut machine, _file)) = start(priority_group, &options) else {
             return;
         };
         machine.wait_for_welcome();

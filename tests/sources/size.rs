@@ -7,7 +7,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
     ("proof", 28_020),
     ("src", 33_800),
-    ("tests", 34_700),
+    ("tests", 38_400),
     ("xtask", 22_500),
 ];
 

@@ -59,9 +59,19 @@ impl Verdict {
     }
 }
 
+/// Whether this tool is a check.
+pub fn is_check() -> bool {
+    env::var_os(VARIABLE).is_some()
+}
+
+/// Makes a tool that a command starts a check.
+pub fn ask(command: &mut Command) -> &mut Command {
+    command.env(VARIABLE, "1")
+}
+
 /// Prints why a check has failed, if this tool is one.
 pub(crate) fn fail(error: &Error) {
-    if env::var_os(VARIABLE).is_some() {
+    if is_check() {
         println!("{error}");
     }
 }
@@ -87,8 +97,7 @@ pub fn with_variable<A: AsRef<OsStr>>(
 }
 
 fn verdict_of(tool: Tool, command: &mut Command) -> Result<Verdict> {
-    let output = command
-        .env(VARIABLE, "1")
+    let output = ask(command)
         .stderr(Stdio::inherit())
         .output()
         .with_context(|| format!("cannot start {}", tool.name))?;

@@ -70,6 +70,7 @@ pub enum Verb {
     Latency(Latency),
     Monitor(Monitor),
     Qemu(Qemu),
+    Rehearse(Rehearse),
     Run(Run),
     Schedule(Schedule),
     Send(Send),
@@ -102,7 +103,7 @@ pub enum Verb {
     #[command(hide = true)]
     SimOnTarget(SimOnTarget),
     #[command(hide = true)]
-    Start(Start),
+    Room(Room),
 }
 
 /// Reads the clock of a chip.
@@ -166,13 +167,15 @@ impl Verb {
             | Self::Run(_)
             | Self::SimOnTarget(_) => tools::TARGET,
             Self::Board(Board::Import(_)) => tools::IMPORT,
+            Self::Rehearse(options) if options.faults.is_some() => tools::SOAK,
             Self::All { .. }
             | Self::Board(_)
             | Self::Boards
             | Self::Build(_)
+            | Self::Rehearse(_)
+            | Self::Room(_)
             | Self::Serial { .. }
-            | Self::Size(_)
-            | Self::Start(_) => tools::FIRMWARE,
+            | Self::Size(_) => tools::FIRMWARE,
             Self::Conformance(_) => tools::CONFORMANCE,
             Self::Docs(_) => tools::DOCS,
             Self::Flash(_) => tools::PROBE,

@@ -50,8 +50,8 @@ pub(crate) fn start(options: &Test) -> Result<ExitCode> {
 const PARALLEL_CHECKS: usize = 3;
 /// What is not quick, and how to test it.
 const REST_SUMMARY: &str = "lints, every case of the random tests, the tools, other numbers of axes, the other boards and \
-    their proofs, what the proof must find, tests on the emulated processor, random histories and inputs, sender \
-    programs (`cargo xtask test --rest`)";
+    their proofs, boards on models of their chips, what the proof must find, tests on the emulated processor, random \
+    histories and inputs, sender programs (`cargo xtask test --rest`)";
 
 /// A check that needs no words when it passes.
 fn plain(name: impl Into<String>, run: impl Fn() -> Result<()> + Send + 'static) -> Check {
@@ -97,7 +97,9 @@ fn quick() -> Vec<Check> {
     vec![
         plain("formatting", || {
             cargo::need_component("fmt", "rustfmt")?;
-            wait(&mut cargo(&["fmt", "--all", "--check"]))
+            wait(&mut cargo(&["fmt", "--all", "--check"]))?;
+            let of_models = ["--manifest-path", tools::VIRTUAL_BOARDS];
+            wait(cargo(&["fmt", "--check"]).args(of_models))
         }),
         runs("unit tests", UNIT_TESTS),
         runs("host tests", ["test", "--no-fail-fast", "--package=tests"]),
@@ -107,8 +109,8 @@ fn quick() -> Vec<Check> {
             check::by(tools::SCHEDULE, ["--check"], 3)
         }),
         // The proof has just compiled it.
-        Check::new("what is flashed starts", || {
-            check::by(tools::FIRMWARE, ["start", SHOWN, "--few"], 3)
+        Check::new("room in the flash", || {
+            check::by(tools::FIRMWARE, ["room", SHOWN], 3)
         }),
         emulated(by(
             tools::FIRMWARE,
@@ -138,6 +140,7 @@ fn rest() -> Vec<Check> {
         }));
     }
     checks.extend(proofs());
+    checks.extend(virtual_boards());
     checks.extend(long_in_emulator());
     checks.extend([
         by(tools::SOAK, "a day in virtual time", &["soak", "--day"]),
@@ -294,24 +297,42 @@ const PHASES: &str = "nucleo-f446re-uln2003";
 /// Whose proof the documents show, with three axes.
 const SHOWN: &str = "netduino-plus-2";
 
-/// The proofs that every deadline is met, and the starts of what they are about.
+/// The proofs that every deadline is met.
 fn proofs() -> Vec<Check> {
-    let all = PROVEN.into_iter().flat_map(|board| {
+    let all = PROVEN.map(|board| {
         let axes = if board == SHOWN { 4 } else { 3 };
-        let proof = Check::new(format!("the proof, {board}, {axes} axes"), move || {
+        Check::new(format!("the proof, {board}, {axes} axes"), move || {
             check::by(tools::SCHEDULE, ["--board", board, "--verdict"], axes)
-        });
-        // The proof has just compiled it.
-        let start = Check::new(format!("what is flashed starts, {board}"), move || {
-            check::by(tools::FIRMWARE, ["start", board], axes)
-        });
-        [proof, start]
+        })
     });
     let for_hosts = Check::new("the proof with the RepRap dialect", || {
         let arguments = ["--board", SHOWN, "--verdict"];
         check::with_variable(tools::SCHEDULE, arguments, (cargo::FEATURES, "reprap"))
     });
-    all.chain([for_hosts]).collect()
+    all.into_iter().chain([for_hosts]).collect()
+}
+
+/// The boards that are rehearsed: of three chips, two with a bootloader, one with an EEPROM. `cargo xtask rehearse
+/// --all` rehearses all.
+const REHEARSED: [&str; 3] = ["btt-skr-2", "blackpill-f411", "fysetc-s6-2"];
+
+/// The firmware of boards on models of their chips, and the tests and lints of these.
+fn virtual_boards() -> Vec<Check> {
+    let models = plain("models of chips", || {
+        cargo::need_component("clippy", "clippy")?;
+        let mut command = cargo(&["test", "--ignore-rust-version"]);
+        command.args(["--manifest-path", tools::VIRTUAL_BOARDS]);
+        command.arg("--target-dir").arg(cargo::target_dir_for(3));
+        // What it uses is compiled for the tool anyway, and not once more for `cargo clippy`.
+        command.env("RUSTC_WORKSPACE_WRAPPER", "clippy-driver");
+        wait(command.env("CLIPPY_ARGS", "-Dwarnings"))
+    });
+    let rehearsals = REHEARSED.map(|board| {
+        Check::new(format!("the rehearsal, {board}"), move || {
+            check::by(tools::FIRMWARE, ["rehearse", "--board", board], 3)
+        })
+    });
+    [models].into_iter().chain(rehearsals).collect()
 }
 
 /// A board.

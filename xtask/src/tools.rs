@@ -44,6 +44,8 @@ pub struct Tool {
     is_library: bool,
     /// The tool has several commands: the caller names one.
     has_commands: bool,
+    /// Its manifest, from the project's root, if it is in a workspace of its own.
+    manifest: Option<&'static str>,
 }
 
 impl Tool {
@@ -60,6 +62,7 @@ impl Tool {
             target: None,
             is_library: false,
             has_commands: false,
+            manifest: None,
         }
     }
 
@@ -128,6 +131,15 @@ impl Tool {
 pub const SIM: Tool = Tool {
     features: &["command"],
     ..Tool::new("sim", "the simulator", "about a minute").of("simulation")
+};
+/// The manifest of what runs the image of a board on models of its chip, from the project's root: a workspace of its own.
+pub const VIRTUAL_BOARDS: &str = "tests/virtual_board/Cargo.toml";
+/// What runs the image of a board on models of its chip.
+pub const VIRTUAL_BOARD: Tool = Tool {
+    manifest: Some(VIRTUAL_BOARDS),
+    // Its arguments are no command line of a user.
+    has_commands: true,
+    ..Tool::new("virtual-board", "the models of chips", "some minutes").for_any_axes()
 };
 /// Everything that has to do with a board, emulated or not.
 pub const TARGET: Tool = Tool::new("target", "the tools for boards", "about two minutes")
@@ -306,6 +318,10 @@ fn build(tool: Tool, axes: u8) -> Result<PathBuf> {
     ]);
     command.arg("--no-default-features");
     command.arg("--target-dir").arg(&folder);
+    if let Some(manifest) = tool.manifest {
+        // What it uses asks for a newer compiler, and compiles with this one.
+        command.args(["--manifest-path", manifest, "--ignore-rust-version"]);
+    }
     match tool.target {
         Some(target) => command.args(["--lib", "--target", target]),
         None if tool.is_library => command.arg("--lib"),

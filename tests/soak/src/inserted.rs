@@ -1,7 +1,8 @@
-//! Faults that are inserted into a copy of the sources, one at a time, and who finds them: `cargo xtask soak --faults`
-//! and `cargo xtask test --faults`.
+//! Faults that are inserted into a copy of the sources, one at a time, and who finds them: `cargo xtask soak --faults`,
+//! `cargo xtask test --faults` and `cargo xtask rehearse --faults`.
 
 mod by_checks;
+mod by_rehearsal;
 mod by_soak;
 mod page;
 
@@ -15,7 +16,9 @@ use anyhow::{Context, Result, bail, ensure};
 use common::cargo;
 use serde::Deserialize;
 
-pub(crate) use self::{by_checks::run as by_checks, by_soak::run as by_soak};
+pub(crate) use self::{
+    by_checks::run as by_checks, by_rehearsal::run as by_rehearsal, by_soak::run as by_soak,
+};
 
 #[derive(Debug, Deserialize)]
 struct Table {
@@ -29,6 +32,9 @@ struct Fault {
     file: String,
     old: String,
     new: String,
+    /// The board that is rehearsed, and what its rehearsal must say.
+    board: Option<String>,
+    message: Option<String>,
 }
 
 impl Fault {
@@ -137,7 +143,11 @@ mod tests {
 
     #[test]
     fn every_fault_has_one_place_in_the_sources() {
-        for (table, least) in [(by_soak::TABLE, 7), (by_checks::TABLE, 40)] {
+        for (table, least) in [
+            (by_soak::TABLE, 7),
+            (by_checks::TABLE, 40),
+            (by_rehearsal::TABLE, 17),
+        ] {
             let faults = faults(table).unwrap();
             assert!(faults.len() >= least, "{table}");
             for fault in &faults {

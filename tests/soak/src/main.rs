@@ -1,5 +1,5 @@
 //! `cargo xtask soak`: random histories for the virtual machine, and rules that hold in each. `cargo xtask fuzz`:
-//! random inputs. `cargo xtask test --faults`: who finds inserted faults.
+//! random inputs. `cargo xtask test --faults` and `rehearse --faults`: who finds inserted faults.
 
 mod action;
 mod answers;
@@ -21,7 +21,7 @@ mod setup;
 use std::{process::ExitCode, time::Duration};
 
 use anyhow::{Result, bail, ensure};
-use common::options::{self, Soak as Options, Test, Verb};
+use common::options::{self, Rehearse, Soak as Options, Test, Verb};
 use common::ui;
 use indicatif::{HumanCount, ProgressBar};
 use simulation::proven;
@@ -38,6 +38,9 @@ fn main() -> ExitCode {
             write,
             ..
         }) => inserted::by_checks(&name, write),
+        Verb::Rehearse(Rehearse {
+            faults: Some(name), ..
+        }) => inserted::by_rehearsal(&name),
         other => other.refuse(),
     })
 }

@@ -1,5 +1,5 @@
-//! `cargo xtask board`: what is wrong with a board's file, the step rate that is proven for it, and files made of
-//! printers' configurations.
+//! `cargo xtask board` and `rehearse`: what is wrong with a board's file, the step rate that is proven for it, files made
+//! of printers' configurations, and boards that run on models of their chips.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -13,7 +13,8 @@ use anstream::{print, println};
 use anyhow::{Context, Result, anyhow, bail};
 use common::options::Board as Verb;
 use common::options::BoardCheck as Options;
-use common::{cargo, tools};
+use common::options::Rehearse;
+use common::{cargo, check, tools};
 use firmware::boards::{Board, pins, rates};
 use firmware::rehearsal;
 use owo_colors::OwoColorize;
@@ -22,6 +23,10 @@ pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
     match verb {
         Verb::Check(options) => check(options),
         Verb::Import(options) => import(&options.printer),
+        Verb::Run(options) => {
+            let board = firmware::boards::named(&options.board)?;
+            rehearsal::serve(&board, &options.tcp).map(|()| ExitCode::SUCCESS)
+        }
     }
 }
 
@@ -55,7 +60,7 @@ fn check(options: &Options) -> Result<ExitCode> {
         }
     }
     if options.all || options.prove {
-        is_right &= starts(&boards)?;
+        is_right &= each(&boards, &["room"])?;
     }
     Ok(if is_right {
         ExitCode::SUCCESS
@@ -140,23 +145,45 @@ fn prove(board: &Board) -> Result<Vec<u32>> {
     Ok(rates)
 }
 
-/// What is said first of a firmware that cannot be started on this computer.
-pub(crate) const NOT_STARTED: &str = "not started";
-
-/// What became of a firmware.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Outcome {
-    Started,
-    NotStarted,
-    Failed,
+/// Rehearses boards on models of their chips.
+pub(crate) fn rehearse(options: &Rehearse) -> Result<ExitCode> {
+    if options.all {
+        let mut arguments = vec!["rehearse"];
+        arguments.extend(options.short.then_some("--short"));
+        arguments.push("--board");
+        let is_right = each(&firmware::boards::all()?, &arguments)?;
+        return Ok(if is_right {
+            ExitCode::SUCCESS
+        } else {
+            ExitCode::FAILURE
+        });
+    }
+    let name = options.board.as_deref().unwrap_or_default();
+    let board = firmware::boards::named(name)?;
+    let own = cargo::target_dir();
+    let parts = rehearsal::rehearse(
+        &board,
+        rehearsal::Options {
+            is_short: options.short,
+            shows_lines: options.lines,
+            into: options.into.as_deref().unwrap_or(&own),
+        },
+    )?;
+    if check::is_check() {
+        println!("{} parts, nothing is wrong", parts.lines().count());
+    } else {
+        println!(
+            "{} with {} axes, nothing is wrong\n{parts}",
+            board.name.bold(),
+            cargo::axes()
+        );
+    }
+    Ok(ExitCode::SUCCESS)
 }
 
-/// Builds the firmware of boards with each number of axes, measures the free flash, and starts each firmware on a
-/// model of its chip. Two chips run at a time, each in its own folder; the firmwares of a chip run one after the
-/// other. Returns false where one does not start or leaves too little.
-fn starts(boards: &[Board]) -> Result<bool> {
-    // Once: what cannot be had is not asked for with each.
-    let unstarted = rehearsal::python()?.err();
+/// Has something done with the firmware of boards with each number of axes. Two chips run at a time, each in its own
+/// folder; the firmwares of a chip run one after the other. Returns false where one fails.
+fn each(boards: &[Board], arguments: &[&str]) -> Result<bool> {
     let mut by_chip: BTreeMap<&str, Vec<&Board>> = BTreeMap::new();
     for board in boards {
         by_chip.entry(&board.chip.hal).or_default().push(board);
@@ -164,54 +191,41 @@ fn starts(boards: &[Board]) -> Result<bool> {
     let chips = Mutex::new(by_chip.into_values());
     let top = cargo::target_dir_for(3);
     let next = || chips.lock().ok()?.next();
-    let work = |into: &Path| -> Result<Vec<Outcome>> {
-        let mut outcomes = Vec::new();
+    let work = |into: &Path| -> Result<bool> {
+        let mut is_right = true;
         while let Some(boards) = next() {
             for board in boards {
                 for axes in 3..=board.most_axes() {
-                    outcomes.push(start(board, axes, into, unstarted.as_deref())?);
+                    is_right &= one(board, axes, into, arguments)?;
                 }
             }
         }
-        Ok(outcomes)
+        Ok(is_right)
     };
-    let outcomes = thread::scope(|scope| {
+    thread::scope(|scope| {
         let second = scope.spawn(|| work(&top.join("second")));
         let own = work(&top);
         let second = second
             .join()
             .map_err(|_| anyhow!("a thread has panicked"))?;
-        anyhow::Ok([own?, second?].concat())
-    })?;
-    let count = |which| outcomes.iter().filter(|it| **it == which).count();
-    let (left_out, all) = (count(Outcome::NotStarted), outcomes.len());
-    if left_out > 0 {
-        let reason = unstarted.unwrap_or_else(|| "see above".into());
-        println!("{left_out} of {all} were {NOT_STARTED}: {reason}");
-    }
-    Ok(count(Outcome::Failed) == 0)
+        Ok(own? & second?)
+    })
 }
 
-/// Has a firmware built and started, unless there is a reason why none can be, and prints what became of it.
-fn start(board: &Board, axes: usize, into: &Path, unstarted: Option<&str>) -> Result<Outcome> {
+/// Has something done with one firmware, and prints what became of it.
+fn one(board: &Board, axes: usize, into: &Path, arguments: &[&str]) -> Result<bool> {
     let axes = u8::try_from(axes).context("a machine has six axes at most")?;
     let mut command = tools::command_for(tools::FIRMWARE, axes)?;
-    command.args(["start", &board.argument(), "--into"]);
-    command.arg(into).env(cargo::AXES, axes.to_string());
-    if let Some(reason) = unstarted {
-        command.arg(format!("--unstarted={reason}"));
-    }
-    let output = command.output()?;
-    let (outcome, message) = if !output.status.success() {
-        (Outcome::Failed, output.stderr)
-    } else if output.stdout.starts_with(NOT_STARTED.as_bytes()) {
-        (Outcome::NotStarted, output.stdout)
-    } else {
-        (Outcome::Started, output.stdout)
-    };
-    let message = String::from_utf8_lossy(&message);
-    println!("{} with {axes} axes: {}", board.name, message.trim_end());
-    Ok(outcome)
+    command.args(arguments).arg(board.argument());
+    command.arg("--into").arg(into);
+    command.env(cargo::AXES, axes.to_string());
+    let output = check::ask(&mut command).output()?;
+    // A check prints its verdict; a fault of the tool itself is elsewhere.
+    let texts = [output.stdout, output.stderr].map(|it| String::from_utf8_lossy(&it).into_owned());
+    let mut texts = texts.iter().map(|text| text.trim_end());
+    let verdict = texts.find(|text| !text.is_empty()).unwrap_or_default();
+    println!("{} with {axes} axes: {verdict}", board.name);
+    Ok(output.status.success())
 }
 
 #[cfg(test)]

@@ -8,11 +8,11 @@ use std::process::ExitCode;
 use anyhow::{Result, ensure};
 use common::{
     cargo,
-    options::{self, Build, Start, Verb},
+    options::{self, Build, Room, Verb},
     ui,
 };
 use firmware::boards::{compile, layout};
-use firmware::{card, rehearsal};
+use firmware::card;
 
 fn main() -> ExitCode {
     common::main(|| match options::read() {
@@ -21,7 +21,8 @@ fn main() -> ExitCode {
         Verb::Board(verb) => board::run(&verb),
         Verb::Boards => list(),
         Verb::All { board } => every_firmware(&board),
-        Verb::Start(options) => start(options),
+        Verb::Rehearse(options) => board::rehearse(&options),
+        Verb::Room(options) => room(options),
         Verb::Serial { only } => over_serial(&only),
         other => other.refuse(),
     })
@@ -65,8 +66,8 @@ fn every_firmware(board: &str) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What is flashed: the room that it leaves, and its start on a model of the chip.
-fn start(options: Start) -> Result<ExitCode> {
+/// Builds a firmware, and measures the room that it leaves.
+fn room(options: Room) -> Result<ExitCode> {
     let board = firmware::boards::named(&options.board)?;
     let image = compile::image_in(&options.into.unwrap_or_else(cargo::target_dir), &board, &[])?;
     let free = layout::check(&board, &image)?.free();
@@ -76,22 +77,7 @@ fn start(options: Start) -> Result<ExitCode> {
         "only {kib}: {} KiB have to be",
         layout::MIN_FREE_BYTES / 1024
     );
-    let elf = compile::place(&board, "-unproven");
-    compile::replace(&elf, &image)?;
-    let python = match options.unstarted {
-        Some(reason) => Err(reason),
-        None => rehearsal::python()?,
-    };
-    // What differs with more axes is where things lie, and more pins.
-    let is_short = options.few || cargo::axes() != 3;
-    let outcome = match python {
-        Ok(python) => format!(
-            "starts {}",
-            rehearsal::rehearse(&board, &elf, &python, is_short)?
-        ),
-        Err(reason) => format!("{}: {reason}", board::NOT_STARTED),
-    };
-    println!("{outcome}; {kib}");
+    println!("{kib}");
     Ok(ExitCode::SUCCESS)
 }
 

@@ -35,12 +35,55 @@ pub struct Size {
     pub all: bool,
 }
 
-/// Check the file of a board, or make one of a printer's configuration
+/// Check the file of a board, make one of a printer's configuration, or run a virtual board for a sender
 #[derive(Debug, clap::Subcommand)]
 #[allow(missing_docs, reason = "the options of each say what it does")]
 pub enum Board {
     Check(BoardCheck),
     Import(BoardImport),
+    Run(BoardRun),
+}
+
+/// Run the firmware of a board on its virtual chip, for a sender to connect to
+///
+/// The image that is flashed runs on models of the chip's registers, in the time of the wall clock, until Ctrl-C. Each
+/// run begins with a new board: what is stored is gone with it.
+#[derive(Debug, clap::Args)]
+pub struct BoardRun {
+    /// The board
+    #[arg(value_name = "BOARD")]
+    pub board: String,
+    /// Where the sender connects, on this computer: `127.0.0.1:2323`
+    #[arg(long, value_name = "ADDR:PORT")]
+    pub tcp: String,
+}
+
+/// Rehearse the firmware of a board on its virtual chip: all that can be tried without the board
+///
+/// The image that is flashed runs on models of the chip's registers, from power-up and from whatever bootloaders leave:
+/// registers, pins, settings, power cuts, a wrong crystal, faults in motion, and whole programs whose step edges are those
+/// of the simulator. The first time, the models are compiled, which takes some minutes.
+#[derive(Debug, clap::Args)]
+pub struct Rehearse {
+    /// A board's name, or the path of a file
+    #[arg(long, value_name = "BOARD", required_unless_present_any = ["all", "faults"])]
+    pub board: Option<String>,
+    /// Every board of the project with each number of axes
+    #[arg(long, conflicts_with = "board")]
+    pub all: bool,
+    /// Only what matters most, without the programs
+    #[arg(long)]
+    pub short: bool,
+    /// Show every line from the firmware, with the board's time in ms and where X is in steps
+    #[arg(long)]
+    pub lines: bool,
+    /// Instead, insert the faults of `tests/virtual_board/faults.toml` into a copy of the sources, or those whose name contains
+    /// this, and look whether the rehearsal names each
+    #[arg(long, value_name = "FAULT", num_args = 0..=1, default_missing_value = "", conflicts_with_all = ["board", "all", "short", "lines"])]
+    pub faults: Option<String>,
+    /// Where Cargo builds the firmware
+    #[arg(long, hide = true)]
+    pub into: Option<PathBuf>,
 }
 
 /// Check the file of a board
@@ -52,8 +95,8 @@ pub struct BoardCheck {
     /// A board's name, or the path of a file
     #[arg(value_name = "BOARD", required_unless_present = "all")]
     pub board: Option<String>,
-    /// Every board of the project: also builds each firmware with three axes and more, looks what of the flash is left
-    /// free, and starts it on a model of its chip, where pip can get the processor for that
+    /// Every board of the project: also builds each firmware with three axes and more, and looks what of the flash is
+    /// left free
     #[arg(long, conflicts_with = "board")]
     pub all: bool,
     /// The same of one board; and prove the step rate at 115 200 baud
@@ -112,18 +155,12 @@ pub struct Run {
     pub arguments: Vec<String>,
 }
 
-/// Build the firmware of a board, look what it leaves free of the flash, and start it on a model of its chip
+/// Build the firmware of a board, and look what it leaves free of the flash
 #[derive(Debug, clap::Args)]
-pub struct Start {
+pub struct Room {
     /// The board
     pub board: String,
     /// Where Cargo builds it
     #[arg(long)]
     pub into: Option<PathBuf>,
-    /// Only from the states that matter most
-    #[arg(long)]
-    pub few: bool,
-    /// Why it cannot be started: it is only built
-    #[arg(long)]
-    pub unstarted: Option<String>,
 }

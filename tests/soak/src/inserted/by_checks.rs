@@ -32,7 +32,12 @@ const OF_EACH_CHANGE: &str = "is out of date: run `cargo xtask schedule --write`
 /// What names of checks contain that run the code of a board, the quickest first. The others see no more of it than its
 /// text.
 const OF_BOARDS: [&str; 6] = [
-    "starts", "proof", "serial", "target", "bring-up", "firmware",
+    "proof",
+    "serial",
+    "rehearsal",
+    "target",
+    "bring-up",
+    "firmware",
 ];
 
 /// Looks for each fault whose name contains `name`, and, to write the page, which is not in it or was asked for.
@@ -201,24 +206,14 @@ mod tests {
 
     #[test]
     fn for_a_fault_of_a_board_what_runs_its_code_comes_first() {
-        let names = [
-            "host tests",
-            "a day",
-            "the proof, a",
-            "what is flashed starts, a",
-        ];
+        let names = ["host tests", "a day", "the proof, a", "the rehearsal, a"];
         let ordered = |is_of_board| {
             let mut checks = names.map(str::to_owned);
             order(&mut checks, is_of_board);
             checks
         };
         assert_eq!(ordered(false), names);
-        let for_boards = [
-            "what is flashed starts, a",
-            "the proof, a",
-            "host tests",
-            "a day",
-        ];
+        let for_boards = ["the proof, a", "the rehearsal, a", "host tests", "a day"];
         assert_eq!(ordered(true), for_boards);
     }
 }

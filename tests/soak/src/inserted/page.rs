@@ -150,6 +150,8 @@ mod tests {
             file: "src/a.rs".into(),
             old: String::new(),
             new: String::new(),
+            board: None,
+            message: None,
         };
         let row = |name, file, tier| format!("| {name} | [{file}](../{file}) | {tier} | tests |\n");
         let faults = [fault("one"), fault("two"), fault("three")];

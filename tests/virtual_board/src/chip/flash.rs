@@ -1,0 +1,152 @@
+//! The flash: the crate's model of its registers, and the array, which that lacks. A sector is erased when its erasure
+//! begins, and a word programmed when it is stored, RM0090 3.6.3 and 3.6.4; RM0383 3.5, RM0390 3.5.
+//!
+//! An erasure is over after some ms, not after the seconds of the data sheets: while the firmware looks at `BSY`, 100 ms
+//! of the board's time take a second of the host's.
+
+use board_data::Board;
+use rigless::{
+    device::{Device, DeviceContext, RegisterFile},
+    soc::{
+        Width,
+        stm32f427::{
+            generated::flash::{Register, cr, sr},
+            peripherals::{flash::Flash, flash::LOCK, flash::STRT, rcc},
+        },
+    },
+    time::{EventId, VirtualNanos},
+};
+
+use super::memory;
+
+/// How long an erasure takes here.
+const ERASE_NS: u64 = 20_000_000;
+
+/// Something done to the array.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Change {
+    /// Bytes are erased: the first address, and how many.
+    Erased(u64, u64),
+    /// Bytes are programmed.
+    Programmed(u64, u64),
+    /// A store without `PG`, which changes nothing and is an error.
+    NotEnabled(u64),
+}
+
+/// The registers and the array.
+#[derive(Debug)]
+pub(crate) struct FlashWithArray {
+    pub(super) registers: Flash,
+    sectors: Vec<(u64, u64)>,
+    /// What has been done and nobody has looked at.
+    pub(crate) changes: Vec<Change>,
+    /// The supply has been cut: nothing changes any more.
+    pub(crate) is_cut: bool,
+    /// The end of an erasure.
+    erased: Option<EventId>,
+}
+
+impl FlashWithArray {
+    pub(super) fn new(board: &Board) -> Self {
+        Self {
+            registers: Flash::with_clock(rcc::HSI_HZ),
+            sectors: memory::sectors(board),
+            changes: Vec::new(),
+            is_cut: false,
+            erased: None,
+        }
+    }
+
+    /// Erases a sector; the registers are unlocked.
+    fn erase(
+        &mut self,
+        number: u64,
+        registers: &mut RegisterFile,
+        context: &mut DeviceContext<'_>,
+    ) {
+        let Some(&(start, bytes)) = self.sectors.get(number as usize) else {
+            registers.set(
+                Register::Sr,
+                registers.get(Register::Sr) | sr::WRPERR.mask(),
+            );
+            return;
+        };
+        registers.set(Register::Sr, sr::BSY.set(registers.get(Register::Sr), 1));
+        self.erased = Some(context.schedule(VirtualNanos(context.now().0 + ERASE_NS)));
+        if !self.is_cut {
+            self.changes.push(Change::Erased(start, bytes));
+            for address in (start..start + bytes).step_by(4) {
+                context.program(address, Width::W32, 0xFFFF_FFFF, 0);
+            }
+        }
+    }
+}
+
+impl Device for FlashWithArray {
+    type Register = Register;
+
+    fn read(
+        &mut self,
+        register: Register,
+        registers: &mut RegisterFile,
+        context: &mut DeviceContext<'_>,
+    ) -> Option<u64> {
+        Device::read(&mut self.registers, register, registers, context)
+    }
+
+    fn write(
+        &mut self,
+        register: Register,
+        value: u64,
+        registers: &mut RegisterFile,
+        context: &mut DeviceContext<'_>,
+    ) {
+        let is_erasure = register == Register::Cr && STRT.is_set(value) && cr::SER.is_set(value);
+        let is_locked = LOCK.is_set(registers.get(Register::Cr));
+        if is_erasure && !is_locked {
+            registers.set(Register::Cr, STRT.set(value, 0));
+            self.erase(cr::SNB.get(value), registers, context);
+        } else {
+            Device::write(&mut self.registers, register, value, registers, context);
+        }
+    }
+
+    fn on_event(
+        &mut self,
+        event: EventId,
+        registers: &mut RegisterFile,
+        context: &mut DeviceContext<'_>,
+    ) {
+        if self.erased == Some(event) {
+            self.erased = None;
+            registers.set(Register::Sr, sr::BSY.set(registers.get(Register::Sr), 0));
+        } else {
+            Device::on_event(&mut self.registers, event, registers, context);
+        }
+    }
+
+    fn on_clock(&mut self, hz: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        Device::on_clock(&mut self.registers, hz, registers, context);
+    }
+
+    fn write_region(
+        &mut self,
+        address: u64,
+        width: Width,
+        value: u64,
+        registers: &mut RegisterFile,
+        context: &mut DeviceContext<'_>,
+    ) -> bool {
+        if self.is_cut {
+            return true;
+        }
+        if cr::PG.is_set(registers.get(Register::Cr)) {
+            let bytes = u64::from(width.bytes());
+            self.changes.push(Change::Programmed(address, bytes));
+            context.program(address, width, value, 0);
+        } else {
+            self.changes.push(Change::NotEnabled(address));
+        }
+        true
+    }
+}

@@ -1,0 +1,51 @@
+//! Registers that no model answers for: each is a fault, unless it is listed here with the reason.
+
+use rigless::session::Session;
+
+use crate::machine::Machine;
+
+/// Registers that may be touched although nothing stands for them: instance, register, and why.
+const KNOWN: [(&str, &str, &str); 0] = [];
+
+/// What models say of registers that is no fault of the firmware: instance, register, and why.
+const HARMLESS: [(&str, &str, &str); 0] = [];
+
+/// What a run has touched that no model answers for, what was refused, and what models complain of, each with the first
+/// instruction where that is known.
+pub(crate) fn of(session: &Session<Machine>) -> Vec<(String, Option<u64>)> {
+    let is_listed = |list: &[(&str, &str, &str)], instance: &str, register: &str| {
+        let mut list = list.iter();
+        list.any(|(of, name, _)| *of == instance && *name == register)
+    };
+    let unmapped = session.unmapped().into_iter().map(|gap| {
+        let message = format!("no register of the chip is at {:#x}", gap.address);
+        (message, Some(gap.program_counter))
+    });
+    let unimplemented = session.unimplemented().values();
+    let unimplemented = unimplemented
+        .filter(|gap| !is_listed(&KNOWN, gap.instance, gap.register))
+        .map(|gap| {
+            let message = format!("no model answers for {}.{}", gap.instance, gap.register);
+            (message, Some(gap.program_counter))
+        });
+    let refused = session.refused().iter();
+    let refused = refused.map(|(address, fault)| (format!("{fault}, at {address:#x}"), None));
+    let complaints = { session.told() }
+        .filter(|of| !is_listed(&HARMLESS, of.instance, of.register))
+        .map(|of| {
+            (
+                format!("{}.{}: {}", of.instance, of.register, of.reason),
+                None,
+            )
+        });
+    let unrouted = { session.unrouted().iter() }.map(|(instance, number)| {
+        let message = format!("the interrupt {number} of {instance} has no line");
+        (message, None)
+    });
+    unmapped
+        .chain(unimplemented)
+        .chain(refused)
+        .chain(complaints)
+        .chain(unrouted)
+        .collect()
+}

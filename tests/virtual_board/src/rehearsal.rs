@@ -1,0 +1,500 @@
+//! The rehearsal of a board: what its firmware does from power-up on, and what it does when something is wrong.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use anyhow::{Context as _, Result, ensure};
+use board_data::Input;
+use rigless::image::Image;
+
+use crate::{
+    bench::Bench,
+    bootloader::State,
+    chip::Fitted,
+    place::Lines,
+    script::{Act, PowerUp, Wanted},
+    world::Closes,
+};
+
+/// A program, the settings that it runs with, and the simulator's step events.
+#[derive(Debug)]
+pub(crate) struct Job {
+    pub(crate) program: PathBuf,
+    pub(crate) settings: Vec<String>,
+    pub(crate) events: PathBuf,
+}
+
+impl Job {
+    /// Reads `PROGRAM,EVENTS` or `PROGRAM,EVENTS,$22=1,...`.
+    pub(crate) fn read(text: &str) -> Result<Self> {
+        let mut words = text.split(',').map(str::to_owned);
+        let mut next = || words.next().context("a job is PROGRAM,EVENTS");
+        Ok(Self {
+            program: next()?.into(),
+            events: next()?.into(),
+            settings: words.collect(),
+        })
+    }
+}
+
+/// What bootloaders leave; the first is all of it.
+const STATES: [(&str, State); 7] = [
+    ("everything that a bootloader may leave", State::ALL),
+    (
+        "the ROM's bootloader",
+        State {
+            has_pll: true,
+            ..State::NONE
+        },
+    ),
+    (
+        "PRIGROUP 3",
+        State {
+            priority_group: 3,
+            ..State::NONE
+        },
+    ),
+    (
+        "PRIGROUP 5",
+        State {
+            priority_group: 5,
+            ..State::NONE
+        },
+    ),
+    (
+        "SysTick running",
+        State {
+            has_ticks: true,
+            ..State::NONE
+        },
+    ),
+    (
+        "all interrupts enabled",
+        State {
+            has_interrupts: true,
+            ..State::NONE
+        },
+    ),
+    // The backup domain keeps it through the resets of others.
+    (
+        "LSE running",
+        State {
+            has_lse: true,
+            ..State::NONE
+        },
+    ),
+];
+/// `DEV_ID` of chips: RM0090 38.6.1, RM0390 33.6.1.
+const CHIPS: [u64; 2] = [0x413, 0x421];
+/// A crystal that the board does not have is one of these, MHz.
+const OTHER_CRYSTALS_MHZ: [u32; 2] = [12, 8];
+/// After so many words the supply is cut.
+const CUTS: [usize; 6] = [1, 2, 3, 5, 8, 13];
+/// Steps of a mm, and the travel of an axis, `$100` and `$130`, without settings.
+pub(crate) const STEPS_PER_MM: f64 = 250.0;
+const TRAVEL_MM: f64 = 200.0;
+/// How far the lower switches are beyond the travel, and the probe's plate above the lower end of Z: the simulator's.
+const BEYOND_MM: f64 = 1.0;
+const PLATE_MM: f64 = 10.0;
+/// Ctrl-X.
+const RESET: &[u8] = &[0x18];
+/// The internal oscillator, MHz.
+const HSI_MHZ: u64 = 16;
+
+/// The images that a board is rehearsed with: the firmware, as its ELF file says or as a bootloader takes it, and the
+/// bootloaders.
+pub(crate) fn images(bench: &Bench, elf: &Path, file: Option<&Path>) -> Result<Vec<Image>> {
+    let vectors = bench.vectors();
+    let firmware = match file {
+        None => Image::read(elf, None)?,
+        Some(file) => {
+            let bytes =
+                std::fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+            for (address, content) in &bench.program.segments {
+                let start = usize::try_from(address - u64::from(vectors))?;
+                let is_same = bytes.get(start..start + content.len()) == Some(content);
+                ensure!(
+                    is_same,
+                    "{} differs from the program at {address:#x}",
+                    file.display()
+                );
+            }
+            Image::new(file, bytes, Some(vectors.into()))?
+        }
+    };
+    let has = |number: &usize| {
+        bench
+            .program
+            .word(u64::from(vectors) + 64 + 4 * *number as u64)
+            .is_some()
+    };
+    let interrupts = (0..crate::bootloader::MOST_INTERRUPTS)
+        .take_while(has)
+        .count();
+    let states = STATES.map(|(_, state)| state);
+    let crystal_mhz = bench.board.crystal_mhz;
+    let bootloaders = crate::bootloader::image(&states, vectors, crystal_mhz, interrupts as u32)?;
+    Ok(vec![firmware, bootloaders])
+}
+
+/// Rehearses a board; returns whether nothing is wrong.
+pub(crate) fn play(
+    bench: &Arc<Bench>,
+    lines: &Lines,
+    jobs: &[Job],
+    is_short: bool,
+) -> Result<bool> {
+    let mut outcome = bench.play(script(bench, is_short)?, true)?;
+    if !jobs.is_empty() {
+        let of_jobs = bench.play(job_script(bench, jobs)?, false)?;
+        outcome.parts.extend(of_jobs.parts);
+        outcome.faults.extend(of_jobs.faults);
+    }
+    for part in &outcome.parts {
+        println!("  {part}");
+    }
+    for (fault, (cases, by)) in &outcome.faults {
+        println!("  FAULT: {fault}");
+        if let Some(by) = by {
+            println!("    by {}", lines.describe(*by));
+        }
+        if !cases.is_empty() {
+            println!("    in {}", cases.join("; "));
+        }
+    }
+    Ok(outcome.faults.is_empty())
+}
+
+fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
+    let wiring = bench.wiring()?;
+    let has = |input| wiring.inputs.iter().any(|(it, _)| *it == input);
+    let right = PowerUp::of(&bench.board);
+    let mut script = vec![
+        Act::Part("as flashed"),
+        Act::Case("a new board".into(), right),
+    ];
+    script.extend(everyday(has(Input::Limit(0))));
+    for (name, pin) in [
+        ("spindle", wiring.spindle),
+        ("flood", wiring.flood),
+        ("mist", wiring.mist),
+    ] {
+        script.extend(pin.map(|_| Act::Want(Wanted::Active(name))));
+    }
+    if bench.board.memory(bench.axes).journal.is_some() {
+        let power_up = PowerUp {
+            is_used: true,
+            ..right
+        };
+        script.push(Act::Case("a flash that has been used".into(), power_up));
+        script.extend(start());
+        script.push(Act::Want(Wanted::Erased(2)));
+    }
+    script.push(Act::Part("states of bootloaders"));
+    for (number, (name, _)) in STATES.into_iter().enumerate() {
+        if number == 0 || !is_short {
+            let power_up = PowerUp {
+                bootloader: Some(number),
+                ..right
+            };
+            script.push(Act::Case(name.into(), power_up));
+            script.extend(start());
+        }
+    }
+    script.extend(wrong_boards(bench, right, is_short));
+    script.extend(power_cuts(right, is_short));
+    if wiring.eeprom.is_some() {
+        let power_up = PowerUp {
+            has_eeprom: false,
+            ..right
+        };
+        script.extend([
+            Act::Part("a missing EEPROM"),
+            Act::Case("no EEPROM".into(), power_up),
+        ]);
+        script.extend(start());
+        script.extend([Act::Bytes(b"$120=300\n"), Act::Await("error:")]);
+    }
+    script.extend(faults_in_motion(right, wiring.eeprom.is_some()));
+    Ok(script)
+}
+
+/// What every start must be able to.
+fn start() -> Vec<Act> {
+    vec![
+        Act::Await("Grbl 1.1h"),
+        Act::Compare,
+        Act::State("Idle"),
+        Act::line("G21G91"),
+        Act::line("G1X0.2F600"),
+        Act::State("Idle"),
+        Act::Want(Wanted::Resets(0)),
+    ]
+}
+
+/// What a machine does every day: moves, settings that resets keep, outputs, a hold, a reset in motion, a limit switch.
+fn everyday(has_limit: bool) -> Vec<Act> {
+    let mut script = start();
+    script.extend(settings_and_resets());
+    script.extend(motions());
+    if has_limit {
+        script.extend([
+            Act::line("$21=1"),
+            Act::line("G91G1X2F100"),
+            Act::Rest(100),
+            Act::Press(Input::Limit(0)),
+            Act::Await("ALARM:1"),
+            Act::State("Alarm"),
+            Act::Release(Input::Limit(0)),
+            Act::Bytes(RESET),
+            Act::Await("Grbl "),
+            Act::line("$X"),
+            Act::line("$21=0"),
+        ]);
+    }
+    script.extend([
+        Act::State("Idle"),
+        Act::Want(Wanted::Position),
+        Act::Want(Wanted::Resets(1)),
+    ]);
+    script
+}
+
+/// A setting is kept by a reset of Grbl and by one of the chip, which forgets where it is.
+fn settings_and_resets() -> Vec<Act> {
+    let want_lines = |beginning: &str, times| Act::Want(Wanted::Lines(beginning.into(), times));
+    vec![
+        Act::line("$I"),
+        want_lines("[VER:1.1h", 1),
+        Act::line("$120=200"),
+        Act::Bytes(RESET),
+        Act::Await("Grbl "),
+        Act::line("$$"),
+        want_lines("$120=200.000", 1),
+        Act::line("G90G1X0F600"),
+        Act::State("Idle"),
+        Act::Want(Wanted::Position),
+        Act::Reset,
+        Act::Await("Grbl "),
+        Act::line("$$"),
+        want_lines("$120=200.000", 2),
+        Act::State("Idle"),
+    ]
+}
+
+fn motions() -> Vec<Act> {
+    vec![
+        Act::line("M3S1000"),
+        Act::line("M8"),
+        Act::line("M7"),
+        Act::line("G4P0.05"),
+        Act::line("M5M9"),
+        Act::line("G90G21"),
+        Act::line("G1X5F600"),
+        Act::Rest(100),
+        Act::Bytes(b"!"),
+        Act::State("Hold:0"),
+        Act::Bytes(b"~"),
+        Act::State("Idle"),
+        Act::Want(Wanted::OneOf(&["<Idle|MPos:5.000,"])),
+        Act::line("G1X0F300"),
+        Act::Rest(100),
+        Act::Bytes(RESET),
+        Act::Await("Grbl "),
+        // It brakes.
+        Act::Rest(100),
+        Act::State("Alarm"),
+        Act::Want(Wanted::Position),
+        Act::line("$X"),
+    ]
+}
+
+/// Other crystals, other chips, a firmware that is damaged.
+fn wrong_boards(bench: &Bench, right: PowerUp, is_short: bool) -> Vec<Act> {
+    let own_mhz = bench.board.crystal_mhz;
+    let other_mhz = OTHER_CRYSTALS_MHZ.into_iter().find(|mhz| *mhz != own_mhz);
+    let mut script = vec![Act::Part("crystals")];
+    for (name, mhz) in [
+        ("no crystal", 0),
+        ("another crystal", other_mhz.unwrap_or(0)),
+    ] {
+        let crystal_hz = u64::from(mhz) * 1_000_000;
+        let fitted = Fitted {
+            crystal_hz,
+            ..right.fitted
+        };
+        script.extend([
+            Act::Case(name.into(), PowerUp { fitted, ..right }),
+            Act::Await("ALARM:16"),
+            Act::Await("Grbl "),
+            Act::Want(Wanted::CoreMhz(HSI_MHZ)),
+            Act::Want(Wanted::NoStep),
+        ]);
+    }
+    script.push(Act::Part("chips"));
+    let own = bench.board.chip.dev_ids.iter().map(|it| u64::from(*it));
+    let others = own.clone().skip(1).chain([0]).filter(|_| !is_short);
+    for device in others {
+        let fitted = Fitted {
+            device,
+            ..right.fitted
+        };
+        script.push(Act::Case(
+            format!("DEV_ID {device:#x}"),
+            PowerUp { fitted, ..right },
+        ));
+        script.extend(start());
+    }
+    let refused = [
+        Act::Await("ALARM:16"),
+        Act::Rest(50),
+        Act::Want(Wanted::No("Grbl ")),
+        Act::Want(Wanted::NoStep),
+    ];
+    let other = CHIPS
+        .into_iter()
+        .find(|it| !own.clone().any(|own| own == *it));
+    let fitted = Fitted {
+        device: other.unwrap_or_default(),
+        ..right.fitted
+    };
+    script.push(Act::Case(
+        "another chip".into(),
+        PowerUp { fitted, ..right },
+    ));
+    script.extend(refused.clone());
+    let damaged = PowerUp {
+        is_damaged: true,
+        ..right
+    };
+    script.push(Act::Case("a damaged firmware".into(), damaged));
+    script.extend(refused);
+    script
+}
+
+/// The supply is cut while a setting is stored: one of the two values is there afterwards, and all others.
+fn power_cuts(right: PowerUp, is_short: bool) -> Vec<Act> {
+    let cuts = if is_short { &CUTS[2..3] } else { &CUTS };
+    let mut script = vec![Act::Part("power cuts")];
+    for words in cuts {
+        script.extend([
+            Act::Case(format!("before a cut after {words} words"), right),
+            Act::Await("Grbl "),
+            Act::line("$120=200"),
+            Act::line("$121=10"),
+            Act::Rest(50),
+            Act::CutAfter(*words),
+            Act::line("$121=300"),
+            Act::Rest(50),
+            Act::Case(format!("behind a cut after {words} words"), right),
+            Act::Await("Grbl "),
+            Act::line("$$"),
+            Act::Want(Wanted::Lines("$120=200.000".into(), 1)),
+            Act::Want(Wanted::OneOf(&["$121=10.000", "$121=300.000"])),
+            Act::State("Idle"),
+        ]);
+    }
+    script
+}
+
+/// The core hangs, the crystal stops, the supply falls, each while X moves.
+fn faults_in_motion(right: PowerUp, has_eeprom: bool) -> Vec<Act> {
+    // With a supply that stays low, no flash is written.
+    let stored = if has_eeprom { "ok" } else { "error:" };
+    let mut script = vec![Act::Part("faults in motion")];
+    for (name, acts) in [
+        ("the core hangs", vec![Act::Hang, Act::Await("ALARM:200")]),
+        (
+            "the crystal stops",
+            vec![Act::StopCrystal, Act::Await("ALARM:200")],
+        ),
+        (
+            "the supply falls",
+            vec![
+                Act::Supply(2600),
+                Act::Await("[MSG:Fault: supply too low"),
+                Act::Await("ALARM:16"),
+                Act::Await("Grbl "),
+                Act::Bytes(b"$120=300\n"),
+                Act::Await(stored),
+                Act::Supply(3300),
+                Act::Bytes(RESET),
+            ],
+        ),
+    ] {
+        script.extend([
+            Act::Case(name.into(), right),
+            Act::Await("Grbl "),
+            Act::line("G21G91"),
+            Act::line("M3S1000"),
+            Act::line("G1X100F600"),
+            Act::Rest(300),
+        ]);
+        script.extend(acts);
+        script.extend([
+            Act::Await("Grbl "),
+            Act::State("Alarm"),
+            Act::line("$X"),
+            Act::Want(Wanted::Resets(1)),
+        ]);
+    }
+    script
+}
+
+/// Whole programs, with the steps of the simulator.
+fn job_script(bench: &Bench, jobs: &[Job]) -> Result<Vec<Act>> {
+    let mut script = Vec::new();
+    let right = PowerUp::of(&bench.board);
+    script.push(Act::Part("jobs, with the step edges of the simulator"));
+    for job in jobs {
+        let text = std::fs::read_to_string(&job.program)
+            .with_context(|| format!("cannot read {}", job.program.display()))?;
+        let name = job
+            .program
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy();
+        script.push(Act::Case(name.into_owned(), right));
+        script.push(Act::Await("Grbl "));
+        script.extend(job.settings.iter().map(|line| Act::line(line)));
+        script.extend(switches(job, bench.axes));
+        script.extend([
+            Act::Stream(text.lines().map(str::to_owned).collect()),
+            Act::State("Idle"),
+            Act::Want(Wanted::Steps(job.events.clone())),
+            Act::Want(Wanted::Resets(0)),
+        ]);
+    }
+    Ok(script)
+}
+
+/// The simulator's switches and plate, where the travel is as the settings of a job say.
+fn switches(job: &Job, axes: usize) -> Vec<Act> {
+    let setting = |number: usize| {
+        let beginning = format!("${number}=");
+        let mut values = job
+            .settings
+            .iter()
+            .filter_map(|line| line.strip_prefix(&beginning));
+        values.find_map(|value| value.parse::<f64>().ok())
+    };
+    let mut switches = Vec::new();
+    for axis in 0..axes {
+        let scale = setting(100 + axis).unwrap_or(STEPS_PER_MM);
+        let half_mm = setting(130 + axis).unwrap_or(TRAVEL_MM) / 2.0;
+        let steps = |mm: f64| (mm * scale).round() as i32;
+        let limit = Input::Limit(axis as u8);
+        switches.push(Act::Mount(limit, Closes::From(steps(half_mm))));
+        switches.push(Act::Mount(
+            limit,
+            Closes::DownFrom(steps(-half_mm - BEYOND_MM)),
+        ));
+        if axis == 2 {
+            let plate = Closes::DownFrom(steps(-half_mm + PLATE_MM));
+            switches.push(Act::Mount(Input::Probe, plate));
+        }
+    }
+    switches
+}

@@ -1,0 +1,612 @@
+//! A run of a board: the emulated core, everything that is wired to it, and a script.
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    net::SocketAddr,
+    sync::Arc,
+    thread::JoinHandle,
+};
+
+use anyhow::{Result, anyhow};
+use rigless::{
+    emulator::{Driver, HitKind, Host, Settled, Stop, Watch as Watched},
+    session::Session,
+    soc::Width,
+    time::VirtualNanos,
+};
+
+use crate::{
+    bench::Bench,
+    bootloader, compare,
+    debugger::{self, Probe},
+    job,
+    machine::{Machine, SUPPLY_MV},
+    script::{Act, PowerUp, Wanted},
+    watch::Watch,
+    wire::Wire,
+    world::World,
+};
+
+const MS: u64 = 1_000_000;
+/// How often script and world have a look, ns.
+pub(crate) const TICK: u64 = MS / 2;
+/// Between two requests of a report.
+const POLL_MS: u64 = 20;
+/// What the receive buffer of Grbl holds: the sender's window.
+const WINDOW: usize = 128;
+/// The supply below which nothing may be stored, mV: `src/board/supply.rs`.
+const LOW_SUPPLY_MV: u32 = 2900;
+/// `ICSR`, and what makes the NMI pending.
+const ICSR: u32 = 0xE000_ED04;
+const NMI_PENDING: u32 = 1 << 31;
+/// What is in RAM after the supply has been off.
+const NOISE: u64 = 0xA5A5_A5A5;
+/// Bytes of a sector that hold the journal of settings, and what another firmware has left of its own in them.
+const JOURNAL_BYTES: u64 = 16 * 1024;
+const USED_BYTES: u64 = 256;
+const ERASED: u64 = 0xFFFF_FFFF;
+/// A text of the program that no start needs, of which a letter is changed.
+const DAMAGED_TEXT: &[u8] = b"Check Limits";
+
+/// What a run has shown.
+#[derive(Debug, Default)]
+pub(crate) struct Outcome {
+    /// Each part in some words.
+    pub(crate) parts: Vec<String>,
+    /// What must not have been, in which cases, and by which instruction.
+    pub(crate) faults: BTreeMap<String, (Vec<String>, Option<u64>)>,
+}
+
+/// What a part or a case has begun with.
+#[derive(Debug, Clone, Copy, Default)]
+struct Marks {
+    lines: usize,
+    resets: usize,
+    steps: usize,
+    switchings: usize,
+    words: usize,
+    erased: usize,
+    at_ns: u64,
+}
+
+/// The sender's end of the wire.
+fn wire(session: &mut Session<Machine>) -> &mut Wire {
+    let peer = session.board_mut().peer_mut();
+    peer.expect("it has been attached")
+}
+
+/// A run that follows a script.
+pub(crate) struct Run {
+    bench: Arc<Bench>,
+    debugger: SocketAddr,
+    script: VecDeque<Act>,
+    /// What is waited for, since when.
+    current: Option<(Act, VirtualNanos)>,
+    /// The next request of a report.
+    poll_at: VirtualNanos,
+    /// Lines that are still to be streamed, and the bytes of those that are not answered.
+    pending: VecDeque<String>,
+    in_flight: VecDeque<usize>,
+    probe: Option<JoinHandle<Result<Vec<u32>>>>,
+    world: World,
+    watch: Watch,
+    lines: Vec<String>,
+    /// Resets that are known of.
+    resets: usize,
+    /// The function that is called once memory is initialised, and the handlers of interrupts.
+    main: Option<u64>,
+    handlers: Vec<u64>,
+    is_initialised: bool,
+    cut_after: usize,
+    /// What has been changed in the firmware: an address and its word.
+    damaged: Option<(u64, u64)>,
+    now: VirtualNanos,
+    part: Option<(&'static str, Marks)>,
+    case: String,
+    marks: Marks,
+    cases: usize,
+    pub(crate) outcome: Outcome,
+}
+
+impl Run {
+    pub(crate) fn new(
+        bench: &Arc<Bench>,
+        script: Vec<Act>,
+        world: World,
+        debugger: SocketAddr,
+    ) -> Self {
+        Self {
+            bench: Arc::clone(bench),
+            debugger,
+            script: script.into(),
+            current: None,
+            poll_at: VirtualNanos(0),
+            pending: VecDeque::new(),
+            in_flight: VecDeque::new(),
+            probe: None,
+            world,
+            watch: Watch::new(bench.board.crystal_mhz),
+            lines: Vec::new(),
+            resets: 0,
+            main: bench.program.function("main"),
+            handlers: bench.all_handlers(),
+            is_initialised: false,
+            cut_after: usize::MAX,
+            damaged: None,
+            now: VirtualNanos(0),
+            part: None,
+            case: String::new(),
+            marks: Marks::default(),
+            cases: 0,
+            outcome: Outcome::default(),
+        }
+    }
+
+    /// Has arrivals at `main` reported, and at handlers until then.
+    pub(crate) fn watch_start(&self, session: &mut Session<Machine>) {
+        if let Some(main) = self.main {
+            session.watch(Watched::Instruction(main));
+        }
+        self.watch_handlers(session);
+    }
+
+    fn watch_handlers(&self, session: &mut Session<Machine>) {
+        for &handler in &self.handlers {
+            session.watch(Watched::Instruction(handler));
+        }
+    }
+
+    fn arrive(&mut self, address: u64, session: &mut Session<Machine>) {
+        if self.main == Some(address) && !self.is_initialised {
+            self.is_initialised = true;
+            for &handler in &self.handlers {
+                session.unwatch(Watched::Instruction(handler));
+            }
+        } else if !self.is_initialised {
+            let message = "an interrupt is taken before memory is initialised";
+            self.watch.fault(message, Some(address));
+        }
+    }
+
+    /// The chip has been reset since it was looked at.
+    fn restart(&mut self, session: &mut Session<Machine>) {
+        self.resets = session.resets().len();
+        self.watch.restart();
+        self.world.is_greeted = false;
+        if std::mem::take(&mut self.is_initialised) {
+            self.watch_handlers(session);
+        }
+    }
+
+    /// Takes what has come from the firmware.
+    fn listen(&mut self, session: &mut Session<Machine>) {
+        let lines: Vec<_> = wire(session).lines.drain(..).collect();
+        for line in lines {
+            if line.starts_with("Grbl ") {
+                self.world.is_greeted = true;
+                self.in_flight.clear();
+            }
+            let is_answer = line == "ok" || line.starts_with("error:");
+            if is_answer {
+                self.in_flight.pop_front();
+            }
+            let is_answered = is_answer && self.in_flight.is_empty() && self.pending.is_empty();
+            let is_awaited = match &self.current {
+                Some((Act::Line(_) | Act::Stream(_), _)) => is_answered,
+                Some((Act::Await(beginning), _)) => line.starts_with(beginning),
+                Some((Act::State(state), _)) => {
+                    let report = line.strip_prefix('<');
+                    report.is_some_and(|report| report.starts_with(state))
+                }
+                _ => false,
+            };
+            if self.bench.shows_lines {
+                eprintln!(
+                    "{:10.3} {line}  X {:?}",
+                    self.now.0 as f64 / 1e6,
+                    self.world.position(0)
+                );
+            }
+            self.lines.push(line);
+            if is_awaited {
+                self.current = None;
+            }
+        }
+    }
+
+    /// Sends lines as long as the window has room.
+    fn stream(&mut self, session: &mut Session<Machine>) {
+        while let Some(line) = self.pending.front() {
+            let bytes = line.len() + 1;
+            if self.in_flight.iter().sum::<usize>() + bytes > WINDOW {
+                return;
+            }
+            let line = self.pending.pop_front().unwrap_or_default();
+            let wire = wire(session);
+            wire.outgoing.extend(line.bytes().chain([b'\n']));
+            self.in_flight.push_back(bytes);
+        }
+    }
+
+    /// Begins what is next in the script.
+    fn begin(&mut self, act: Act, session: &mut Session<Machine>, host: &mut dyn Host) {
+        let now = self.now;
+        let chip = &mut session.board_mut().chip;
+        let mut is_over = true;
+        match &act {
+            Act::Part(name) => {
+                self.end_case();
+                self.end_part();
+                self.part = Some((name, self.marks_now()));
+            }
+            Act::Case(name, power_up) => {
+                self.end_case();
+                self.case.clone_from(name);
+                self.cases += 1;
+                self.power_up(*power_up, session, host);
+                self.marks = self.marks_now();
+            }
+            Act::Line(line) => self.pending.push_back(line.clone()),
+            Act::Stream(lines) => self.pending.extend(lines.iter().cloned()),
+            Act::Bytes(bytes) => wire(session).outgoing.extend(*bytes),
+            Act::Press(input) => self.world.press(*input, true, now, chip),
+            Act::Release(input) => self.world.press(*input, false, now, chip),
+            Act::Mount(input, closes) => self.world.mount(*input, *closes),
+            Act::Supply(millivolts) => {
+                chip.supply(now, *millivolts);
+                self.watch.is_supply_low = *millivolts < LOW_SUPPLY_MV;
+            }
+            Act::StopCrystal => {
+                if !chip.stop_crystal(now) {
+                    let message = "the crystal stops, and CSSON of RCC_CR is not set";
+                    self.watch.fault(message, None);
+                }
+                let nmi = Probe::Write(ICSR, NMI_PENDING);
+                self.probe = Some(debugger::probe(self.debugger, nmi));
+            }
+            Act::Compare => {
+                let words = Probe::Read(compare::ADDRESSES.to_vec());
+                self.probe = Some(debugger::probe(self.debugger, words));
+            }
+            Act::Hang => host.hold(true),
+            Act::Reset => session.reset_by_pin(now, 0, host),
+            Act::CutAfter(words) => {
+                self.cut_after = self.watch.words + words;
+                self.world.cut_after(*words);
+            }
+            Act::Want(wanted) => self.compare(wanted, session),
+            Act::Await(_) | Act::State(_) | Act::Rest(_) => {}
+        }
+        is_over &= !matches!(
+            act,
+            Act::Line(_)
+                | Act::Stream(_)
+                | Act::StopCrystal
+                | Act::Compare
+                | Act::Hang
+                | Act::Await(_)
+                | Act::State(_)
+                | Act::Rest(_)
+        );
+        self.current = (!is_over).then_some((act, now));
+    }
+
+    /// Switches the supply off and on, with nothing left in RAM.
+    fn power_up(&mut self, power_up: PowerUp, session: &mut Session<Machine>, host: &mut dyn Host) {
+        let memory = self.bench.board.memory(self.bench.axes);
+        if self.now.0 > TICK {
+            let ram = bootloader::RAM_START..bootloader::RAM_START + memory.ram_bytes;
+            for address in ram.step_by(4) {
+                let _ = host.write(address.into(), Width::W32, NOISE);
+            }
+        }
+        let number = power_up.bootloader.map_or(0, |number| number as u64 + 1);
+        let _ = host.write(bootloader::SELECTION.into(), Width::W32, number);
+        if let Some((address, word)) = self.damaged.take() {
+            let _ = host.program(address, Width::W32, word);
+        }
+        if power_up.is_damaged {
+            self.damage(host);
+        }
+        if power_up.is_used {
+            for sector in memory.journal.into_iter().flatten() {
+                for offset in (0..JOURNAL_BYTES).step_by(4) {
+                    let address = u64::from(sector.address) + offset;
+                    let word = if offset < USED_BYTES { NOISE } else { ERASED };
+                    let _ = host.program(address, Width::W32, word);
+                }
+            }
+        }
+        self.cut_after = usize::MAX;
+        self.watch.crystal_mhz = power_up.fitted.crystal_hz as f64 / 1e6;
+        self.watch.is_supply_low = false;
+        let chip = &mut session.board_mut().chip;
+        chip.flash.is_cut = false;
+        chip.fit(power_up.fitted);
+        self.world.restart(power_up.has_eeprom, self.now, chip);
+        chip.supply(self.now, SUPPLY_MV);
+        host.hold(false);
+        self.pending.clear();
+        self.in_flight.clear();
+        wire(session).clear();
+        session.reset_by_pin(self.now, 0, host);
+        // That one is none of the firmware's.
+        self.restart(session);
+    }
+
+    /// Changes a letter of the firmware.
+    fn damage(&mut self, host: &mut dyn Host) {
+        let found = self
+            .bench
+            .program
+            .segments
+            .iter()
+            .find_map(|(start, bytes)| {
+                let mut places = bytes.windows(DAMAGED_TEXT.len());
+                Some(start + places.position(|it| it == DAMAGED_TEXT)? as u64)
+            });
+        let word = found.and_then(|at| {
+            let address = at & !3;
+            Some((address, host.read(address, Width::W32).ok()?))
+        });
+        match word {
+            Some((address, word)) => {
+                // Another letter, whichever of the four it is.
+                let _ = host.program(address, Width::W32, word ^ 0x2020_2020);
+                self.damaged = Some((address, word));
+            }
+            None => self
+                .watch
+                .fault("the firmware has no text to be damaged", None),
+        }
+    }
+
+    /// Looks whether what is waited for has come.
+    fn check(&mut self, session: &mut Session<Machine>, host: &mut dyn Host) {
+        let Some((act, since)) = &self.current else {
+            return;
+        };
+        let waited_ms = (self.now.0 - since.0) / MS;
+        let is_over = match act {
+            Act::Rest(ms) => waited_ms >= *ms,
+            Act::State(_) if self.now >= self.poll_at => {
+                self.poll_at = VirtualNanos(self.now.0 + POLL_MS * MS);
+                wire(session).outgoing.push_back(b'?');
+                false
+            }
+            Act::Hang => {
+                let resets = session.resets();
+                let is_reset = resets.last().is_some_and(|reset| reset.at > *since);
+                if is_reset {
+                    host.hold(false);
+                }
+                is_reset
+            }
+            Act::Compare | Act::StopCrystal => {
+                let is_compared = matches!(act, Act::Compare);
+                let probe = self.probe.take_if(|it| it.is_finished());
+                let is_over = probe.is_some();
+                if let Some(probe) = probe {
+                    self.end_probe(probe, is_compared, session);
+                }
+                is_over
+            }
+            _ => false,
+        };
+        if is_over {
+            self.current = None;
+        }
+    }
+
+    fn end_probe(
+        &mut self,
+        probe: JoinHandle<Result<Vec<u32>>>,
+        is_compared: bool,
+        session: &mut Session<Machine>,
+    ) {
+        let words = probe
+            .join()
+            .unwrap_or_else(|_| Err(anyhow!("it has panicked")));
+        match words {
+            Ok(words) if is_compared => {
+                let machine = session.board_mut();
+                for fault in compare::faults(&self.bench, machine, &words) {
+                    self.watch.fault(fault, None);
+                }
+            }
+            Ok(_) => {}
+            Err(error) => self.watch.fault(format!("the debug port: {error:#}"), None),
+        }
+    }
+
+    /// Looks whether something is as it should be.
+    fn compare(&mut self, wanted: &Wanted, session: &mut Session<Machine>) {
+        let lines = &self.lines[self.marks.lines..];
+        let count = |beginning: &str| {
+            let lines = lines.iter().filter(|line| line.starts_with(beginning));
+            lines.count()
+        };
+        let steps = &self.world.steps[self.marks.steps..];
+        let fault = match wanted {
+            Wanted::Lines(beginning, times) => {
+                let count = count(beginning);
+                (count != *times)
+                    .then(|| format!("{beginning:?} comes {count} times instead of {times}"))
+            }
+            Wanted::OneOf(beginnings) => {
+                let is_there = beginnings.iter().any(|it| count(it) > 0);
+                (!is_there).then(|| format!("no line is one of {beginnings:?}"))
+            }
+            Wanted::No(beginning) => (count(beginning) > 0).then(|| format!("{beginning:?} comes")),
+            Wanted::Resets(times) => {
+                let resets = session.resets()[self.marks.resets..].iter();
+                let causes: Vec<_> = resets.map(|reset| format!("{:?}", reset.cause)).collect();
+                (causes.len() != *times).then(|| format!("resets: {causes:?} instead of {times}"))
+            }
+            Wanted::Erased(count) => {
+                let erased = self.watch.erased - self.marks.erased;
+                (erased != *count)
+                    .then(|| format!("{erased} sectors are erased instead of {count}"))
+            }
+            Wanted::NoStep => {
+                (!steps.is_empty()).then(|| format!("{} steps are made", steps.len()))
+            }
+            Wanted::CoreMhz(mhz) => {
+                let hz = session.board_mut().chip.frequencies()[0];
+                (hz != mhz * 1_000_000)
+                    .then(|| format!("the core runs at {hz} Hz instead of {mhz} MHz"))
+            }
+            Wanted::Position => self.misplaced(lines),
+            Wanted::Active(name) => {
+                let mut switchings = self.world.switchings[self.marks.switchings..].iter();
+                let was_active = switchings.any(|(_, of, is_active)| of == name && *is_active);
+                (!was_active).then(|| format!("{name} is not switched on"))
+            }
+            Wanted::Steps(events) => match job::difference(steps, events) {
+                Ok(difference) => difference,
+                Err(error) => Some(format!("{error:#}")),
+            },
+        };
+        if let Some(fault) = fault {
+            self.watch.fault(fault, None);
+        }
+    }
+
+    /// What the last report says of X is not where its motor is.
+    fn misplaced(&self, lines: &[String]) -> Option<String> {
+        let position = self.world.position(0)?;
+        let reported = lines.iter().rev().find_map(|line| {
+            let (_, rest) = line.split_once("|MPos:")?;
+            rest.split(',').next()?.parse::<f64>().ok()
+        });
+        let reported = reported.map(|mm| (mm * crate::rehearsal::STEPS_PER_MM).round() as i32);
+        (reported != Some(position))
+            .then(|| format!("X is at step {position} and reported at {reported:?}"))
+    }
+
+    fn marks_now(&self) -> Marks {
+        Marks {
+            lines: self.lines.len(),
+            resets: self.resets,
+            steps: self.world.steps.len(),
+            switchings: self.world.switchings.len(),
+            words: self.watch.words,
+            erased: self.watch.erased,
+            at_ns: self.now.0,
+        }
+    }
+
+    /// What is waited for does not come: the rest of the case is left out.
+    fn give_up(&mut self) {
+        let mut is_silent = false;
+        if let Some((act, _)) = self.current.take() {
+            let last = self.lines.last().map_or("nothing", String::as_str);
+            let message = format!("{} does not come; the last line is {last:?}", act.awaited());
+            self.watch.fault(message, None);
+            is_silent = self.lines.len() == self.marks.lines;
+        }
+        while !matches!(
+            self.script.front(),
+            None | Some(Act::Part(_) | Act::Case(..))
+        ) {
+            self.script.pop_front();
+        }
+        // The registers may say why.
+        if is_silent {
+            self.script.push_front(Act::Compare);
+        }
+    }
+
+    /// Keeps what was wrong in a case.
+    fn end_case(&mut self) {
+        for fault in self.world.take_faults() {
+            self.watch.fault(fault, None);
+        }
+        for (fault, by) in std::mem::take(&mut self.watch.faults) {
+            let part = self.part.map_or("", |it| it.0);
+            let case = format!("{part}: {}", self.case);
+            let (cases, _) = self.outcome.faults.entry(fault).or_insert((Vec::new(), by));
+            cases.push(case);
+        }
+    }
+
+    fn end_part(&mut self) {
+        let Some((name, marks)) = self.part.take() else {
+            return;
+        };
+        let cases = std::mem::take(&mut self.cases);
+        let now = self.marks_now();
+        let figures = [
+            (cases, "cases"),
+            (now.lines - marks.lines, "lines received"),
+            (now.steps - marks.steps, "steps"),
+            (now.words - marks.words, "words stored"),
+            (now.erased - marks.erased, "sectors erased"),
+            (now.resets - marks.resets, "resets"),
+        ];
+        let figures = figures.iter().filter(|(count, _)| *count > 0);
+        let figures: Vec<_> = figures
+            .map(|(count, what)| format!("{count} {what}"))
+            .collect();
+        let seconds = (now.at_ns - marks.at_ns) as f64 / 1e9;
+        let figures = figures.join(", ");
+        self.outcome.parts.push(format!(
+            "{name}: {figures} in {seconds:.1} s of the board's time"
+        ));
+    }
+
+    /// Whether the supply has been cut.
+    fn look_for_cut(&mut self, session: &mut Session<Machine>) {
+        if self.watch.words >= self.cut_after {
+            session.board_mut().chip.flash.is_cut = true;
+        }
+    }
+}
+
+impl Driver<Machine> for Run {
+    fn on_settled(&mut self, session: &mut Session<Machine>, _: &mut dyn Host, settled: Settled) {
+        if session.resets().len() > self.resets {
+            self.restart(session);
+        }
+        match settled {
+            Settled::Access { access, .. } => {
+                self.watch.look(&access, session, &self.bench.program);
+                self.look_for_cut(session);
+            }
+            Settled::Stop(_) => session.board_mut().chip.correct_ready_flags(),
+            Settled::Hit(hit) if hit.kind == HitKind::Instruction => {
+                self.arrive(hit.address, session);
+            }
+            _ => {}
+        }
+        self.world.follow(&mut session.board_mut().chip);
+    }
+
+    fn on_stop(
+        &mut self,
+        session: &mut Session<Machine>,
+        stop: Stop,
+        host: &mut dyn Host,
+    ) -> Option<VirtualNanos> {
+        self.now = stop.at;
+        self.listen(session);
+        self.check(session, host);
+        let is_late = self
+            .current
+            .as_ref()
+            .is_some_and(|(act, since)| stop.at.0 - since.0 > act.limit_ms() * MS);
+        if is_late {
+            self.give_up();
+        }
+        while self.current.is_none() {
+            let Some(act) = self.script.pop_front() else {
+                self.end_case();
+                self.end_part();
+                return None;
+            };
+            self.begin(act, session, host);
+        }
+        self.stream(session);
+        Some(VirtualNanos(stop.at.0 + TICK))
+    }
+}

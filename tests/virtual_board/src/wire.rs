@@ -1,0 +1,52 @@
+//! The wire between the firmware's serial port and a sender in this program.
+
+use std::collections::VecDeque;
+
+use rigless::{
+    chip::{Timeline, uart::Peer},
+    snapshot::Store,
+    time::VirtualNanos,
+};
+
+/// The sender's end of the wire.
+#[derive(Debug, Default)]
+pub(crate) struct Wire {
+    /// Bytes to the firmware.
+    pub(crate) outgoing: VecDeque<u8>,
+    /// What the firmware has sent of a line.
+    incoming: Vec<u8>,
+    /// Lines from the firmware that nobody has looked at.
+    pub(crate) lines: VecDeque<String>,
+}
+
+impl Wire {
+    /// The supply has been off: nothing is under way.
+    pub(crate) fn clear(&mut self) {
+        self.outgoing.clear();
+        self.incoming.clear();
+        self.lines.clear();
+    }
+}
+
+impl Store for Wire {}
+
+impl Peer for Wire {
+    fn receive(&mut self, word: u16, _: &mut Timeline<'_, '_>) {
+        match word as u8 {
+            b'\n' => {
+                let line = String::from_utf8_lossy(&self.incoming)
+                    .trim_end()
+                    .to_owned();
+                self.incoming.clear();
+                if !line.is_empty() {
+                    self.lines.push_back(line);
+                }
+            }
+            byte => self.incoming.push(byte),
+        }
+    }
+
+    fn transmit(&mut self, _: VirtualNanos) -> Option<u16> {
+        self.outgoing.pop_front().map(u16::from)
+    }
+}
