@@ -8,7 +8,7 @@ use std::{
 };
 
 use anyhow::{Context as _, Result};
-use board_data::{Board, Wiring};
+use board_data::{Board, Input, Wiring};
 use rigless::{
     chip::uart::{Peer, TcpPeer},
     emulator::{self, Driver, Host, Settled, Start, Stop},
@@ -27,7 +27,7 @@ use crate::{
     run::{Outcome, Run, TICK},
     script::Act,
     wire::Wire,
-    world::World,
+    world::{Closes, World},
 };
 
 /// A board and its firmware.
@@ -106,8 +106,11 @@ impl Bench {
     }
 
     /// Runs a board in the time of the wall clock, with its wire at a TCP address.
-    pub(crate) fn serve(&self, peer: TcpPeer) -> Result<()> {
+    pub(crate) fn serve(&self, peer: TcpPeer, switches: &[(Input, Closes)]) -> Result<()> {
         let mut world = World::new(self.wiring()?);
+        for &(input, closes) in switches {
+            world.mount(input, closes);
+        }
         let machine = self.machine(&mut world, Box::new(peer), true)?;
         let session = Session::new(machine, 0, VirtualNanos(TICK))?;
         let began = Instant::now();

@@ -26,13 +26,14 @@ use std::{
 };
 
 use anyhow::{Context as _, Result, bail};
-use board_data::Board;
+use board_data::{Board, Input};
 use rigless::{chip::uart::TcpPeer, image::Image};
 
 use crate::{
     bench::Bench,
     place::{Lines, Program},
     rehearsal::Job,
+    world::Closes,
 };
 
 /// What `cargo xtask` passes on.
@@ -47,8 +48,9 @@ struct Options {
     /// Only what matters most.
     is_short: bool,
     shows_lines: bool,
-    /// The address at which the wire is served.
+    /// The address at which the wire is served, and settings by which switches are mounted then.
     tcp: Option<String>,
+    switches: Option<Vec<String>>,
 }
 
 impl Options {
@@ -77,6 +79,7 @@ impl Options {
             "--file" => self.file = Some(value.into()),
             "--job" => self.jobs.push(Job::read(&value)?),
             "--tcp" => self.tcp = Some(value),
+            "--switches" => self.switches = Some(value.split(',').map(str::to_owned).collect()),
             other => bail!("{other} is no option"),
         }
         Ok(())
@@ -106,7 +109,10 @@ fn run() -> Result<ExitCode> {
     };
     if let Some(address) = &options.tcp {
         bench.images = vec![Image::read(&options.elf, None)?];
-        return serve(&bench, address).map(|()| ExitCode::SUCCESS);
+        let settings = options.switches.as_deref();
+        let switches = settings.map(|it| rehearsal::switches(it, bench.axes));
+        serve(&bench, address, &switches.unwrap_or_default())?;
+        return Ok(ExitCode::SUCCESS);
     }
     bench.images = rehearsal::images(&bench, &options.elf, options.file.as_deref())?;
     let lines = Lines::read(&options.elf)?;
@@ -119,7 +125,7 @@ fn run() -> Result<ExitCode> {
 }
 
 /// Serves a board's wire at an address, until the program is ended.
-fn serve(bench: &Bench, address: &str) -> Result<()> {
+fn serve(bench: &Bench, address: &str, switches: &[(Input, Closes)]) -> Result<()> {
     let (host, port) = address
         .rsplit_once(':')
         .context("an address is HOST:PORT")?;
@@ -132,5 +138,5 @@ fn serve(bench: &Bench, address: &str) -> Result<()> {
         bench.board.title,
         peer.port()?
     );
-    bench.serve(peer)
+    bench.serve(peer, switches)
 }

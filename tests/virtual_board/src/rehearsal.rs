@@ -459,7 +459,8 @@ fn job_script(bench: &Bench, jobs: &[Job]) -> Result<Vec<Act>> {
         script.push(Act::Case(name.into_owned(), right));
         script.push(Act::Await("Grbl "));
         script.extend(job.settings.iter().map(|line| Act::line(line)));
-        script.extend(switches(job, bench.axes));
+        let switches = switches(&job.settings, bench.axes);
+        script.extend({ switches.into_iter() }.map(|(input, closes)| Act::Mount(input, closes)));
         script.extend([
             Act::Stream(text.lines().map(str::to_owned).collect()),
             Act::State("Idle"),
@@ -470,14 +471,11 @@ fn job_script(bench: &Bench, jobs: &[Job]) -> Result<Vec<Act>> {
     Ok(script)
 }
 
-/// The simulator's switches and plate, where the travel is as the settings of a job say.
-fn switches(job: &Job, axes: usize) -> Vec<Act> {
+/// The simulator's switches and plate, where the travel is as settings say.
+pub(crate) fn switches(settings: &[String], axes: usize) -> Vec<(Input, Closes)> {
     let setting = |number: usize| {
         let beginning = format!("${number}=");
-        let mut values = job
-            .settings
-            .iter()
-            .filter_map(|line| line.strip_prefix(&beginning));
+        let mut values = { settings.iter() }.filter_map(|line| line.strip_prefix(&beginning));
         values.find_map(|value| value.parse::<f64>().ok())
     };
     let mut switches = Vec::new();
@@ -486,14 +484,11 @@ fn switches(job: &Job, axes: usize) -> Vec<Act> {
         let half_mm = setting(130 + axis).unwrap_or(TRAVEL_MM) / 2.0;
         let steps = |mm: f64| (mm * scale).round() as i32;
         let limit = Input::Limit(axis as u8);
-        switches.push(Act::Mount(limit, Closes::From(steps(half_mm))));
-        switches.push(Act::Mount(
-            limit,
-            Closes::DownFrom(steps(-half_mm - BEYOND_MM)),
-        ));
+        switches.push((limit, Closes::From(steps(half_mm))));
+        switches.push((limit, Closes::DownFrom(steps(-half_mm - BEYOND_MM))));
         if axis == 2 {
             let plate = Closes::DownFrom(steps(-half_mm + PLATE_MM));
-            switches.push(Act::Mount(Input::Probe, plate));
+            switches.push((Input::Probe, plate));
         }
     }
     switches

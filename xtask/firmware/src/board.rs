@@ -25,7 +25,12 @@ pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
         Verb::Import(options) => import(&options.printer),
         Verb::Run(options) => {
             let board = firmware::boards::named(&options.board)?;
-            rehearsal::serve(&board, &options.tcp).map(|()| ExitCode::SUCCESS)
+            cargo::wait(&mut rehearsal::served(
+                &board,
+                &options.tcp,
+                options.switches.then_some(""),
+            )?)?;
+            Ok(ExitCode::SUCCESS)
         }
     }
 }

@@ -59,10 +59,14 @@ pub fn rehearse(board: &Board, options: Options<'_>) -> Result<String> {
     Ok(text.trim_end().to_owned())
 }
 
-/// Serves a board to a sender, until the program is ended.
-pub fn serve(board: &Board, address: &str) -> Result<()> {
+/// What serves a board to a sender at an address, with switches where settings such as `$130=100,$131=100` want them.
+pub fn served(board: &Board, address: &str, switches: Option<&str>) -> Result<Command> {
     let (_, mut command) = virtual_board(board, &cargo::target_dir())?;
-    cargo::wait(command.args(["--tcp", address]))
+    command.args(["--tcp", address]);
+    if let Some(settings) = switches {
+        command.args(["--switches", settings]);
+    }
+    Ok(command)
 }
 
 /// Builds the firmware of a board, with the step rate in it that is proven, and returns what runs it.

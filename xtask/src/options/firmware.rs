@@ -56,6 +56,10 @@ pub struct BoardRun {
     /// Where the sender connects, on this computer: `127.0.0.1:2323`
     #[arg(long, value_name = "ADDR:PORT")]
     pub tcp: String,
+    /// Give the machine limit switches at the ends of a travel of 200 mm, in whose middle it stands, and a probe plate
+    /// 10 mm above the low end of Z
+    #[arg(long)]
+    pub switches: bool,
 }
 
 /// Rehearse the firmware of a board on its virtual chip: all that can be tried without the board
