@@ -316,7 +316,8 @@ fn proofs() -> Vec<Check> {
 
 /// A board.
 struct Board {
-    name: String,
+    /// Its file, which is how tools name it: with another word for the same board, Cargo would compile everything again.
+    file: String,
     /// The features of its chip.
     features: String,
     is_emulated: bool,
@@ -331,8 +332,9 @@ impl Board {
             .find(|words| words.clone().next() == Some(name))
             .with_context(|| format!("there is no board {name}"))?
             .skip(1);
+        let file = cargo::root().join(format!("boards/{name}.toml"));
         Ok(Self {
-            name: name.into(),
+            file: file.to_string_lossy().into_owned(),
             features: words.next().unwrap_or_default().into(),
             is_emulated: words.next().is_some(),
         })
@@ -345,7 +347,7 @@ impl Board {
         } else {
             self.features.clone()
         };
-        cargo::compile_for(command, &self.name, &features, &cargo::target_dir());
+        cargo::compile_for(command, &self.file, &features, &cargo::target_dir());
         command
     }
 }
