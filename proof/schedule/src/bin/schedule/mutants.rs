@@ -200,8 +200,6 @@ impl<'a> MutantBuilder<'a> {
         // A folder of its own: nobody is to flash a mutant that lies where the firmware does.
         let target = self.target();
         self.board.compile_into(&target, &mut command);
-        // What it needs of others is that of the firmware, which is compiled already.
-        command.env("CARGO_BUILD_BUILD_DIR", cargo::target_dir());
         let output = command.current_dir(&self.folder).output();
         if !output.context("cannot start Cargo")?.status.success() {
             return Ok(false);
