@@ -3,7 +3,6 @@
 //! `LEADSCREW_BOARD` names it; `docs/boards.md` explains the files. On the host there is no board.
 
 fn main() {
-    println!("cargo::rerun-if-env-changed=LEADSCREW_BOARD");
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-changed=memory.x");
     // What a machine with motors driven by phases has beyond the others; also the simulator.
@@ -12,11 +11,14 @@ fn main() {
     if is_host || std::env::var_os("CARGO_FEATURE_PHASES").is_some() {
         println!("cargo::rustc-cfg=arc_machine");
     }
+    // A board in the environment, as for what Cargo starts for one, changes nothing on the host.
     if is_host {
+        println!("cargo::rustc-env=LEADSCREW_BOARD_TITLE=simulator");
         return;
     }
+    println!("cargo::rerun-if-env-changed=LEADSCREW_BOARD");
     // Tests log with `defmt`.
-    println!("cargo::rustc-link-arg-tests=-Tdefmt.x");
+    println!("cargo::rustc-link-arg-examples=-Tdefmt.x");
     #[cfg(feature = "board")]
     if let Err(error) = board::make() {
         println!("cargo::error={error}");

@@ -14,14 +14,18 @@ fn main() {
 }
 
 #[cfg(target_os = "none")]
-#[defmt_test::tests]
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    target::run!(tests::arithmetic_has_the_fingerprints_of_the_host)
+}
+
+#[cfg(target_os = "none")]
 mod tests {
     use defmt::assert_eq;
 
     use crate::fingerprints::FINGERPRINTS;
 
-    #[test]
-    fn arithmetic_has_the_fingerprints_of_the_host() {
+    pub(crate) fn arithmetic_has_the_fingerprints_of_the_host() {
         for (name, compute, expected) in FINGERPRINTS {
             assert_eq!(compute(), expected, "{}", name);
         }

@@ -266,8 +266,5 @@ const fn unlocking(is_homing: bool) -> &'static str {
 /// The version of the firmware, and the address of its sources: none where the package has none.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 const SOURCE_CODE_URL: &str = env!("CARGO_PKG_REPOSITORY");
-/// What the maker calls the board, as `build.rs` reads it; there is none on the host.
-const BOARD: &str = match option_env!("LEADSCREW_BOARD_TITLE") {
-    Some(title) => title,
-    None => "simulator",
-};
+/// What the maker calls the board, or what stands for one on the host, as `build.rs` says.
+const BOARD: &str = env!("LEADSCREW_BOARD_TITLE");

@@ -5,7 +5,7 @@ use super::sources;
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
-    ("proof", 28_020),
+    ("proof", 28_080),
     ("src", 33_800),
     ("tests", 38_400),
     ("xtask", 22_500),

@@ -125,7 +125,9 @@ pub fn compile_for(command: &mut Command, board: &str, features: &str, target_di
         .args(["--package", "leadscrew", "--target", TARGET, "--target-dir"])
         .arg(target_dir)
         .args(["--no-default-features", "--features", &features])
-        .env(BOARD, board);
+        .env(BOARD, board)
+        // Crates of others are the same wherever the result lies: each is compiled once.
+        .env("CARGO_BUILD_BUILD_DIR", top_target_dir());
 }
 
 /// Runs a command to its end, and fails when it does.

@@ -83,7 +83,7 @@ fn write_program(from: &Path, to: &Path) -> Result<u64> {
 pub(crate) fn build(board: &Board, test: &str) -> Result<PathBuf> {
     cargo::need_target()?;
     ui::status("Building", &format!("tests/{test}.rs for {}", board.name));
-    let mut command = cargo(&["test", "--release", "--no-run", "--test", test]);
+    let mut command = cargo(&["build", "--release", "--example", test]);
     board.compile(&mut command);
     command.arg("--message-format=json-render-diagnostics");
     let output = command

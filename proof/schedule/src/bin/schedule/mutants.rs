@@ -4,11 +4,15 @@
 //! mutant is built and analysed as the firmware is; a copy that cannot be built, or has the code of
 //! the firmware, does not count. Results are kept, so that an interrupted run continues with the
 //! next mutant.
+//!
+//! Kinds that break a rule each are tried together first: a mutant with all of them must break all
+//! these rules. A fault whose rule is not broken there is tried alone.
 
 mod fault;
 mod site;
 
 use std::{
+    cmp::Reverse,
     collections::BTreeMap,
     env,
     fmt::Write as _,
@@ -67,6 +71,9 @@ pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result
     let mut tallies: Vec<Tally> = FAULTS.iter().map(|_| Tally::default()).collect();
     for number in 0..count {
         let kind = number % FAULTS.len();
+        if kind == 0 {
+            builder.try_together(&draws[..FAULTS.len().min(count - number)])?;
+        }
         let fault = &FAULTS[kind];
         let Some((site, outcome)) = next(&mut builder, fault, &mut draws[kind])? else {
             continue;
@@ -93,7 +100,7 @@ fn next(
     draw: &mut Draw<'_>,
 ) -> Result<Option<(String, Outcome)>> {
     for (site, variant) in draw.by_ref() {
-        let name = format!("{}: {}", fault.name, site);
+        let name = name(fault, site);
         let outcome = builder.outcome(&name, site, &fault.code(variant))?;
         match &outcome {
             Outcome::Unbuilt | Outcome::Equal => {}
@@ -105,6 +112,11 @@ fn next(
         }
     }
     Ok(None)
+}
+
+/// What a mutant is called.
+fn name(fault: &Fault, site: &Site) -> String {
+    format!("{}: {site}", fault.name)
 }
 
 /// A copy of the project, and what is known of its mutants.
@@ -207,18 +219,66 @@ impl<'a> MutantBuilder<'a> {
         if let Some(known) = self.known.get(name) {
             return Ok(known.clone());
         }
-        let path = self.folder.join(&site.file);
-        let text = fs::read_to_string(&path)?;
-        fs::write(&path, site.with(&text, code))?;
-        let outcome = self.try_out();
-        fs::write(&path, text)?;
-        let outcome = outcome?;
+        let outcome = self.inserted(vec![(site, code.to_owned())], Self::try_out)?;
         self.known.insert(name.to_owned(), outcome.clone());
-        fs::write(
-            &self.kept,
-            serde_json::to_string_pretty(&self.known)? + "\n",
-        )?;
+        self.keep()?;
         Ok(outcome)
+    }
+
+    /// Puts the next fault of each kind that breaks a rule into one mutant. Of those whose rule it breaks it is known
+    /// that they are detected.
+    fn try_together(&mut self, draws: &[Draw<'_>]) -> Result<()> {
+        let next = FAULTS.iter().zip(draws).filter_map(|(fault, draw)| {
+            let rule = fault.rule?;
+            let (site, variant) = draw.clone().next()?;
+            let name = name(fault, site);
+            let is_new = !self.known.contains_key(&name);
+            is_new.then(|| (rule, name, (site, fault.code(variant))))
+        });
+        let next: Vec<_> = next.collect();
+        if next.len() < 2 {
+            return Ok(());
+        }
+        let faults = next.iter().map(|(_, _, fault)| fault.clone()).collect();
+        let report = self.inserted(faults, |mutant| {
+            let is_built = mutant.build()?;
+            is_built.then(|| mutant.analyse()).transpose()
+        })?;
+        let flaws = report.map_or(Vec::new(), |report| report.flaws);
+        for (rule, name, _) in next {
+            if let Some(flaw) = flaws.iter().find(|flaw| flaw.rule == rule) {
+                self.known
+                    .insert(name, Outcome::Detected(flaw.what.clone()));
+            }
+        }
+        self.keep()
+    }
+
+    /// Has something done with faults in the copy, which are gone afterwards.
+    fn inserted<T>(
+        &self,
+        mut faults: Vec<(&Site, String)>,
+        run: impl FnOnce(&Self) -> Result<T>,
+    ) -> Result<T> {
+        // From the end of a file on: the places of the others stay where they are.
+        faults.sort_by_key(|(site, _)| Reverse(site.place()));
+        let mut texts = BTreeMap::new();
+        for (site, code) in &faults {
+            let path = self.folder.join(&site.file);
+            let text = fs::read_to_string(&path)?;
+            fs::write(&path, site.with(&text, code))?;
+            texts.entry(path).or_insert(text);
+        }
+        let result = run(self);
+        for (path, text) in texts {
+            fs::write(path, text)?;
+        }
+        result
+    }
+
+    fn keep(&self) -> Result<()> {
+        let text = serde_json::to_string_pretty(&self.known)? + "\n";
+        fs::write(&self.kept, text).context("what is known of mutants cannot be kept")
     }
 
     fn try_out(&self) -> Result<Outcome> {

@@ -1,5 +1,7 @@
 //! Kinds of fault that a firmware may have and keep working.
 
+use schedule::Rule;
+
 use super::site::Site;
 
 /// Where a kind of fault is one.
@@ -20,6 +22,8 @@ pub(super) enum Where {
 pub(super) struct Fault {
     pub(super) name: &'static str,
     pub(super) place: Where,
+    /// The rule that it breaks wherever it stands; none, if times alone tell.
+    pub(super) rule: Option<Rule>,
     /// Code for the beginning of a function; several variants are used in turn.
     codes: &'static [&'static str],
 }
@@ -45,14 +49,25 @@ impl Fault {
 /// Its priority: that of the most urgent task that may use floating point.
 const PREPARE: u8 = 2;
 
-const fn fault(name: &'static str, place: Where, codes: &'static [&'static str]) -> Fault {
-    Fault { name, place, codes }
+const fn fault(
+    name: &'static str,
+    place: Where,
+    rule: Option<Rule>,
+    codes: &'static [&'static str],
+) -> Fault {
+    Fault {
+        name,
+        place,
+        rule,
+        codes,
+    }
 }
 
 pub(super) const FAULTS: [Fault; 10] = [
     fault(
         "panic",
         Where::Deadline,
+        Some(Rule::ReachablePanic),
         &[
             "let table = core::hint::black_box([1_u8; 4]);
               core::hint::black_box(table[core::hint::black_box(3_usize)]);",
@@ -62,6 +77,7 @@ pub(super) const FAULTS: [Fault; 10] = [
     fault(
         "loop without a bound",
         Where::Deadline,
+        Some(Rule::UnboundedLoop),
         &[
             "static LEFT: core::sync::atomic::AtomicU32 = core::sync::atomic::AtomicU32::new(0);
            let left = core::hint::black_box(&LEFT);
@@ -73,6 +89,7 @@ pub(super) const FAULTS: [Fault; 10] = [
     fault(
         "call of a pointer",
         Where::Deadline,
+        Some(Rule::IndirectCall),
         &["fn called() { core::hint::black_box(1_u32); }
            let call: fn() = core::hint::black_box(called);
            call();"],
@@ -80,6 +97,7 @@ pub(super) const FAULTS: [Fault; 10] = [
     fault(
         "recursion",
         Where::Deadline,
+        Some(Rule::Recursion),
         &["#[inline(never)]
            fn again(left: u32) -> u32 {
                if core::hint::black_box(left) == 0 {
@@ -93,6 +111,7 @@ pub(super) const FAULTS: [Fault; 10] = [
     fault(
         "long computation",
         Where::Deadline,
+        None,
         &["let mut count = 0_u32;
            // wcet-bound: 400000
            while count < 400_000 {
@@ -102,6 +121,7 @@ pub(super) const FAULTS: [Fault; 10] = [
     fault(
         "wait with a stated bound",
         Where::Deadline,
+        Some(Rule::Wait),
         &[
             "static READY: core::sync::atomic::AtomicU32 = core::sync::atomic::AtomicU32::new(1);
            let ready = core::hint::black_box(&READY);
@@ -112,6 +132,7 @@ pub(super) const FAULTS: [Fault; 10] = [
     fault(
         "floating point",
         Where::Urgent,
+        Some(Rule::FloatingPoint),
         &[
             "core::hint::black_box(core::hint::black_box(1.5_f32) * core::hint::black_box(2.0_f32));",
         ],
@@ -119,6 +140,7 @@ pub(super) const FAULTS: [Fault; 10] = [
     fault(
         "interrupts off",
         Where::Board,
+        None,
         &["cortex_m::interrupt::free(|_| {
                let mut count = 0_u32;
                // wcet-bound: 3000
@@ -130,6 +152,7 @@ pub(super) const FAULTS: [Fault; 10] = [
     fault(
         "priority raised",
         Where::BoardBelow,
+        None,
         &[
             "#[allow(unsafe_code)]
              unsafe { cortex_m::register::basepri::write(core::hint::black_box(0x20_u8)) };
@@ -147,6 +170,7 @@ pub(super) const FAULTS: [Fault; 10] = [
     fault(
         "register",
         Where::Board,
+        Some(Rule::Register),
         &[
             "#[allow(unsafe_code)]
              unsafe { (0x4002_3c00 as *mut u32).write_volatile(0x60f) };",
@@ -170,6 +194,14 @@ pub(super) const FAULTS: [Fault; 10] = [
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_two_kinds_break_the_same_rule() {
+        let rules: Vec<_> = FAULTS.iter().filter_map(|fault| fault.rule).collect();
+        let different: std::collections::BTreeSet<_> = rules.iter().collect();
+        assert_eq!(rules.len(), 7);
+        assert_eq!(different.len(), rules.len());
+    }
 
     #[test]
     fn each_kind_has_a_name_of_its_own_and_code_that_parses() {

@@ -28,6 +28,11 @@ impl fmt::Display for Site {
 }
 
 impl Site {
+    /// Where its body begins: the file, the line and the column.
+    pub(super) fn place(&self) -> (String, usize, usize) {
+        (self.file.clone(), self.line, self.column)
+    }
+
     /// The text of its file with code at the beginning of its body.
     pub(super) fn with(&self, text: &str, code: &str) -> String {
         let lines = text.split_inclusive('\n').take(self.line - 1);
@@ -105,6 +110,7 @@ impl<'ast> Visit<'ast> for Found {
 }
 
 /// Sites in the order in which a seed draws them, with a number for the variant of the fault.
+#[derive(Clone)]
 pub(super) struct Draw<'a> {
     left: Vec<&'a Site>,
     state: u64,
