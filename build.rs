@@ -18,6 +18,7 @@ fn main() {
     }
     println!("cargo::rerun-if-env-changed=LEADSCREW_BOARD");
     // Tests log with `defmt`.
+    println!("cargo::rustc-link-arg-tests=-Tdefmt.x");
     println!("cargo::rustc-link-arg-examples=-Tdefmt.x");
     #[cfg(feature = "board")]
     if let Err(error) = board::make() {

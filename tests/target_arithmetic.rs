@@ -14,18 +14,14 @@ fn main() {
 }
 
 #[cfg(target_os = "none")]
-#[cortex_m_rt::entry]
-fn main() -> ! {
-    target::run!(tests::arithmetic_has_the_fingerprints_of_the_host)
-}
-
-#[cfg(target_os = "none")]
+#[defmt_test::tests]
 mod tests {
     use defmt::assert_eq;
 
     use crate::fingerprints::FINGERPRINTS;
 
-    pub(crate) fn arithmetic_has_the_fingerprints_of_the_host() {
+    #[test]
+    fn arithmetic_has_the_fingerprints_of_the_host() {
         for (name, compute, expected) in FINGERPRINTS {
             assert_eq!(compute(), expected, "{}", name);
         }

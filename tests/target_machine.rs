@@ -93,24 +93,15 @@ mod rig {
 }
 
 #[cfg(target_os = "none")]
-#[cortex_m_rt::entry]
-fn main() -> ! {
-    target::run!(
-        tests::lines_and_arcs_end_on_their_steps,
-        tests::a_hold_makes_no_step_more_or_less,
-        tests::a_reset_in_motion_keeps_the_position,
-        tests::bad_lines_get_an_error_each_and_move_nothing
-    )
-}
-
-#[cfg(target_os = "none")]
+#[defmt_test::tests]
 mod tests {
     use defmt::{assert, assert_eq};
     use leadscrew::{model::State, sim::Simulator};
 
     use crate::rig::Rig;
 
-    pub(crate) fn lines_and_arcs_end_on_their_steps() {
+    #[test]
+    fn lines_and_arcs_end_on_their_steps() {
         let mut machine = Simulator::off();
         let mut rig = Rig::new(&mut machine);
         rig.send(b"G21G90\nG1X10Y-5.004F3000\nG3X0Y-5.004I-5J0\nG18G2X2Z2R2\nG91G0X-0.3\n");
@@ -121,7 +112,8 @@ mod tests {
         rig.assert_state(State::Idle);
     }
 
-    pub(crate) fn a_hold_makes_no_step_more_or_less() {
+    #[test]
+    fn a_hold_makes_no_step_more_or_less() {
         let mut machine = Simulator::off();
         let mut rig = Rig::new(&mut machine);
         rig.send(b"G1X8Y3F4000\nX0Y0\n");
@@ -137,7 +129,8 @@ mod tests {
         assert_eq!(rig.tally.pulses.0[..2], [4000, 1500]);
     }
 
-    pub(crate) fn a_reset_in_motion_keeps_the_position() {
+    #[test]
+    fn a_reset_in_motion_keeps_the_position() {
         let mut machine = Simulator::off();
         let mut rig = Rig::new(&mut machine);
         rig.send(b"G1X8F4000\n");
@@ -149,7 +142,8 @@ mod tests {
         assert!(rig.steps().0[0] < 2000);
     }
 
-    pub(crate) fn bad_lines_get_an_error_each_and_move_nothing() {
+    #[test]
+    fn bad_lines_get_an_error_each_and_move_nothing() {
         let mut machine = Simulator::off();
         let mut rig = Rig::new(&mut machine);
         rig.send(b"G1X1\nG2X1Y1F100\nG0X1e9\nX\0Y\xffZ\n(\n$7\nG0X99999999999999999999\n");

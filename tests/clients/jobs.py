@@ -1,6 +1,6 @@
 """Jobs for the senders, and what the scripts that drive them have in common.
 
-Every script gets the path of a serial port and the name of the machine behind it (`sim` or `qemu`),
+Every script gets the path of a serial port and the name of the machine behind it (`sim`, `qemu` or `board`),
 checks what its sender makes of the machine, and prints at the end where the machine must be:
 `at X,Y,Z`, machine coordinates in mm. What passes on the line is checked by who starts the script.
 """

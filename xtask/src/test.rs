@@ -416,7 +416,14 @@ fn lint(board: &str) -> Result<()> {
     cargo::need_component("clippy", "clippy")?;
     cargo::need_target()?;
     let board = Board::named(board)?;
-    let mut command = cargo(&["clippy", "--lib", "--bins", "--examples"]);
+    let mut command = cargo(&[
+        "clippy",
+        "--lib",
+        "--bins",
+        "--examples",
+        "--test",
+        "target_*",
+    ]);
     wait(board.compile(&mut command).args(["--", "-Dwarnings"]))?;
     let feature = if board.is_emulated {
         "trace-emulated"
@@ -432,9 +439,6 @@ fn lint(board: &str) -> Result<()> {
 fn on_target() -> Result<()> {
     cargo::need_target()?;
     let board = Board::named(SHOWN)?;
-    for program in ["target_arithmetic", "target_machine"] {
-        let mut command = cargo(&["run", "--release", "--example", program]);
-        wait(board.compile(&mut command))?;
-    }
-    Ok(())
+    let mut command = cargo(&["test", "--release", "--no-fail-fast", "--test", "target_*"]);
+    wait(board.compile(&mut command))
 }

@@ -1,7 +1,9 @@
-//! The machines that senders are tried at: the simulator in real time, and the firmware under QEMU.
+//! The machines that senders are tried at: the simulator in real time, the firmware under QEMU, and that of a virtual board.
 
 use std::{
     fs,
+    io::{BufRead as _, BufReader, Read as _, Write as _},
+    net::TcpStream,
     os::fd::OwnedFd,
     path::{Path, PathBuf},
     process::{Child, Stdio},
@@ -31,6 +33,8 @@ pub(super) enum Place {
     Simulator,
     /// The firmware, on the emulated board.
     Firmware,
+    /// The image of a board, as it is flashed, on its virtual chip.
+    Board,
 }
 
 impl Place {
@@ -39,6 +43,15 @@ impl Place {
         match self {
             Self::Simulator => "sim",
             Self::Firmware => "qemu",
+            Self::Board => "board",
+        }
+    }
+
+    /// The file of its settings.
+    pub(super) fn settings(self) -> &'static str {
+        match self {
+            Self::Simulator | Self::Board => "sim.settings",
+            Self::Firmware => "qemu.settings",
         }
     }
 }
@@ -55,6 +68,7 @@ pub(super) enum Dialects {
 /// A running machine.
 pub(super) enum Machine {
     Simulator { process: Child },
+    Board { process: Child },
     Firmware { emulator: Box<Emulator> },
 }
 
@@ -74,23 +88,24 @@ impl Machine {
                 Ok((machine, line, loaded.settings))
             }
             Place::Firmware => firmware(dialects, file, overrides),
+            Place::Board => board(file, overrides),
         }
     }
 
-    /// Steps of each axis that the pins have made; the simulator does not tell.
+    /// Steps of each axis that the pins have made; simulator and virtual board do not tell.
     pub(super) fn steps(&mut self) -> Result<Option<Vec<i32>>> {
         match self {
-            Self::Simulator { .. } => Ok(None),
+            Self::Simulator { .. } | Self::Board { .. } => Ok(None),
             Self::Firmware { emulator } => Ok(Some(emulator.pins()?.steps)),
         }
     }
 
     /// Fails when the machine has ended by itself.
     pub(super) fn check(&mut self) -> Result<()> {
-        if let Self::Simulator { process } = self
+        if let Self::Simulator { process } | Self::Board { process } = self
             && let Some(status) = process.try_wait()?
         {
-            bail!("the simulator has ended ({status})");
+            bail!("the machine has ended ({status})");
         }
         Ok(())
     }
@@ -98,7 +113,7 @@ impl Machine {
 
 impl Drop for Machine {
     fn drop(&mut self) {
-        if let Self::Simulator { process } = self {
+        if let Self::Simulator { process } | Self::Board { process } = self {
             // As Ctrl-C would: it takes its link away.
             if let Some(id) = Pid::from_raw(process.id().cast_signed()) {
                 let _ = rustix::process::kill_process(id, Signal::TERM);
@@ -175,4 +190,57 @@ fn firmware(
     let line = emulator.line()?;
     let emulator = Box::new(emulator);
     Ok((Machine::Firmware { emulator }, line, loaded.settings))
+}
+
+/// The board whose image senders are tried at.
+const BOARD: &str = "btt-skr-2";
+
+fn board(file: &Path, overrides: &[String]) -> Result<(Machine, OwnedFd, Settings)> {
+    let loaded = settings::load(Some(file), overrides)?;
+    let board = firmware::boards::named(BOARD)?;
+    let switches: Vec<_> = { loaded.statements.iter() }
+        .map(|it| format!("${it}"))
+        .collect();
+    let mut command =
+        firmware::rehearsal::served(&board, "127.0.0.1:0", Some(&switches.join(",")))?;
+    let command = command.stdin(Stdio::null()).stdout(Stdio::piped());
+    let mut process = command.spawn().context("cannot start the virtual board")?;
+    let output = process.stdout.take().context("it has no output")?;
+    let machine = Machine::Board { process };
+    let mut served = String::new();
+    BufReader::new(output).read_line(&mut served)?;
+    let (_, address) = served
+        .trim_end()
+        .rsplit_once(' ')
+        .context("it is not served")?;
+    let mut line = TcpStream::connect(address)?;
+    line.set_read_timeout(Some(START_TIMEOUT))?;
+    wait_for(&mut line, "Grbl ")?;
+    for statement in &loaded.statements {
+        line.write_all(format!("${statement}\n").as_bytes())?;
+        wait_for(&mut line, "ok")?;
+    }
+    line.set_read_timeout(None)?;
+    Ok((machine, line.into(), loaded.settings))
+}
+
+/// Reads up to the end of a line that begins with a text.
+fn wait_for(line: &mut TcpStream, beginning: &str) -> Result<()> {
+    let (mut received, mut byte) = (Vec::new(), [0]);
+    loop {
+        line.read_exact(&mut byte)
+            .with_context(|| format!("{beginning:?} does not come"))?;
+        if byte != *b"\n" {
+            received.extend(byte);
+            continue;
+        }
+        let text = String::from_utf8_lossy(&received);
+        if text.starts_with(beginning) {
+            return Ok(());
+        }
+        // A new board has no settings, as Grbl has it.
+        let is_refused = text.starts_with("error:") && text.trim_end() != "error:7";
+        ensure!(!is_refused, "the board answers {text}");
+        received.clear();
+    }
 }

@@ -115,10 +115,13 @@ impl Sender {
 
     /// Whether it is tried at a place. The simulator has the firmware's code for all that a sender can tell; what is
     /// the firmware's alone, its serial line and its tasks, is the same for all: our own, and one of others for each
-    /// dialect, are enough there.
+    /// dialect, are enough there, in the emulator or at the virtual board.
     fn is_tried_at(self, place: Place) -> bool {
-        let is_at_both = matches!(self, Self::Raw | Self::Ours | Self::Cncjs | Self::Printcore);
-        is_at_both || place == Place::Simulator
+        match place {
+            Place::Simulator => true,
+            Place::Firmware => matches!(self, Self::Ours | Self::Printcore),
+            Place::Board => matches!(self, Self::Raw | Self::Cncjs),
+        }
     }
 
     /// The dialects that the firmware needs for it.
@@ -218,6 +221,7 @@ fn all() -> impl Iterator<Item = Check> {
     let places = [
         (Place::Simulator, "simulator"),
         (Place::Firmware, "firmware"),
+        (Place::Board, "virtual board"),
     ];
     let senders = places.into_iter().flat_map(|(place, at)| {
         let tried = Sender::ALL.into_iter();
@@ -299,7 +303,7 @@ impl Run {
         let folder = install::folder().join(name.replace(' ', "-"));
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(&folder)?;
-        let file = install::scripts().join(format!("{}.settings", place.name()));
+        let file = install::scripts().join(place.settings());
         let dialects = sender.dialects();
         let (machine, line, settings) =
             Machine::start(place, dialects, &folder, &file, &sender.settings())?;

@@ -41,6 +41,9 @@ const ICSR: u32 = 0xE000_ED04;
 const NMI_PENDING: u32 = 1 << 31;
 /// What is in RAM after the supply has been off.
 const NOISE: u64 = 0xA5A5_A5A5;
+/// More resets of the chip than any case has, and more cases in which nothing is said than a board has that is not dead.
+const MOST_RESETS: usize = 4;
+const MOST_SILENT_CASES: usize = 2;
 /// Bytes of a sector that hold the journal of settings, and what another firmware has left of its own in them.
 const JOURNAL_BYTES: u64 = 16 * 1024;
 const USED_BYTES: u64 = 256;
@@ -105,6 +108,7 @@ pub(crate) struct Run {
     case: String,
     marks: Marks,
     cases: usize,
+    silent_cases: usize,
     pub(crate) outcome: Outcome,
 }
 
@@ -138,6 +142,7 @@ impl Run {
             case: String::new(),
             marks: Marks::default(),
             cases: 0,
+            silent_cases: 0,
             outcome: Outcome::default(),
         }
     }
@@ -511,8 +516,12 @@ impl Run {
         ) {
             self.script.pop_front();
         }
-        // The registers may say why.
         if is_silent {
+            self.silent_cases += 1;
+            if self.silent_cases >= MOST_SILENT_CASES {
+                self.script.clear();
+            }
+            // The registers may say why.
             self.script.push_front(Act::Compare);
         }
     }
@@ -595,7 +604,7 @@ impl Driver<Machine> for Run {
             .current
             .as_ref()
             .is_some_and(|(act, since)| stop.at.0 - since.0 > act.limit_ms() * MS);
-        if is_late {
+        if is_late || self.resets > self.marks.resets + MOST_RESETS {
             self.give_up();
         }
         while self.current.is_none() {

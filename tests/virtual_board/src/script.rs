@@ -109,8 +109,9 @@ impl Act {
     pub(crate) fn limit_ms(&self) -> u64 {
         match self {
             Self::Stream(_) => 900_000,
+            Self::State(_) => 30_000,
             Self::Rest(ms) => ms + 1000,
-            _ => 30_000,
+            _ => 2_000,
         }
     }
 

@@ -149,7 +149,7 @@ pub struct Flash {
 
 /// Run an ELF file on the emulated board and print its log
 ///
-/// Cargo's runner for the target: `cargo run --target thumbv7em-none-eabihf --example target_machine`
+/// Cargo's runner for the target: `cargo test --target thumbv7em-none-eabihf --test 'target_*'`
 /// ends up here. The exit status is the program's own.
 #[derive(Debug, clap::Args)]
 pub struct Run {
