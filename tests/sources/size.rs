@@ -7,7 +7,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
     ("proof", 28_080),
     ("src", 33_800),
-    ("tests", 38_400),
+    ("tests", 38_600),
     ("xtask", 22_500),
 ];
 
