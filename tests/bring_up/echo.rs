@@ -111,6 +111,8 @@ pub(super) fn end(facts: &mut Facts, receiver: Receiver, registers: pac::FLASH) 
     let _ = FaultPort.write_str(MARK);
     FaultPort::drain();
     await_early_byte();
+    // What comes before is of faults that were made.
+    print("facts\n");
     print(facts.text());
     // Not one of those that are asked for now.
     discard();

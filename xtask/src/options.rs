@@ -229,6 +229,7 @@ impl Verb {
             Self::BringUp(BringUp {
                 probe,
                 qemu: false,
+                virtual_board: false,
                 verify: None,
                 ..
             }) => probe::need(probe.as_deref()).map_err(|error| error.context(probe::BRING_UP)),

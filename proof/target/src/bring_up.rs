@@ -14,6 +14,7 @@ mod report;
 #[allow(dead_code, reason = "the board has the other half")]
 mod sequence;
 mod stream;
+mod virtual_board;
 
 use std::{
     fs,
@@ -54,7 +55,8 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     }
     let name = options.board.as_deref().context("no board is named")?;
     let board = firmware::boards::named(name)?;
-    if !options.qemu && !cfg!(feature = "probe") {
+    let needs_probe = !options.qemu && !options.virtual_board;
+    if needs_probe && !cfg!(feature = "probe") {
         return flash::again();
     }
     ensure!(
@@ -66,6 +68,8 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     check_room(image_end(&elf)?, last)?;
     let facts = if options.qemu {
         emulated::run(&elf)?
+    } else if options.virtual_board {
+        virtual_board::run(&board, &elf)?
     } else {
         ui::warning(&format!(
             "the firmware on the board is replaced, and sector {} of its flash erased, from {:#x} on; the settings \
@@ -257,6 +261,7 @@ mod tests {
             probe: None,
             port: None,
             qemu: true,
+            virtual_board: false,
             verify: None,
         };
         let error = run(&options).unwrap_err().to_string();

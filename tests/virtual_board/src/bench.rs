@@ -30,6 +30,9 @@ use crate::{
     world::{Closes, World},
 };
 
+/// How long an erasure takes on a board that is served: a sector of 16 KiB takes about as long (data sheets, `t_ERASE16KB`).
+const SERVED_ERASE_NS: u64 = 250_000_000;
+
 /// A board and its firmware.
 #[derive(Debug)]
 pub(crate) struct Bench {
@@ -106,15 +109,23 @@ impl Bench {
     }
 
     /// Runs a board in the time of the wall clock, with its wire at a TCP address.
-    pub(crate) fn serve(&self, peer: TcpPeer, switches: &[(Input, Closes)]) -> Result<()> {
+    pub(crate) fn serve(
+        &self,
+        peer: TcpPeer,
+        switches: &[(Input, Closes)],
+        rtt: Option<&TcpListener>,
+    ) -> Result<()> {
         let mut world = World::new(self.wiring()?);
         for &(input, closes) in switches {
             world.mount(input, closes);
         }
-        let machine = self.machine(&mut world, Box::new(peer), true)?;
+        let mut machine = self.machine(&mut world, Box::new(peer), true)?;
+        machine.chip.flash.erase_ns = SERVED_ERASE_NS;
         let session = Session::new(machine, 0, VirtualNanos(TICK))?;
         let began = Instant::now();
-        emulator::run(session, &self.start(), Served { world, began })?;
+        let mut start = self.start();
+        start.rtt = rtt;
+        emulator::run(session, &start, Served { world, began })?;
         Ok(())
     }
 

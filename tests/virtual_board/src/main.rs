@@ -20,6 +20,7 @@ mod wire;
 mod world;
 
 use std::{
+    net::TcpListener,
     path::{Path, PathBuf},
     process::ExitCode,
     sync::Arc,
@@ -51,6 +52,8 @@ struct Options {
     /// The address at which the wire is served, and settings by which switches are mounted then.
     tcp: Option<String>,
     switches: Option<Vec<String>>,
+    /// RTT is served at another one.
+    has_rtt: bool,
 }
 
 impl Options {
@@ -63,6 +66,7 @@ impl Options {
             match name.as_str() {
                 "--short" => options.is_short = true,
                 "--lines" => options.shows_lines = true,
+                "--rtt" => options.has_rtt = true,
                 _ => options.take(&name, arguments.next())?,
             }
         }
@@ -111,7 +115,12 @@ fn run() -> Result<ExitCode> {
         bench.images = vec![Image::read(&options.elf, None)?];
         let settings = options.switches.as_deref();
         let switches = settings.map(|it| rehearsal::switches(it, bench.axes));
-        serve(&bench, address, &switches.unwrap_or_default())?;
+        serve(
+            &bench,
+            address,
+            &switches.unwrap_or_default(),
+            options.has_rtt,
+        )?;
         return Ok(ExitCode::SUCCESS);
     }
     bench.images = rehearsal::images(&bench, &options.elf, options.file.as_deref())?;
@@ -125,7 +134,7 @@ fn run() -> Result<ExitCode> {
 }
 
 /// Serves a board's wire at an address, until the program is ended.
-fn serve(bench: &Bench, address: &str, switches: &[(Input, Closes)]) -> Result<()> {
+fn serve(bench: &Bench, address: &str, switches: &[(Input, Closes)], has_rtt: bool) -> Result<()> {
     let (host, port) = address
         .rsplit_once(':')
         .context("an address is HOST:PORT")?;
@@ -138,5 +147,9 @@ fn serve(bench: &Bench, address: &str, switches: &[(Input, Closes)]) -> Result<(
         bench.board.title,
         peer.port()?
     );
-    bench.serve(peer, switches)
+    let rtt = has_rtt.then(|| TcpListener::bind((host, 0))).transpose()?;
+    if let Some(rtt) = &rtt {
+        println!("RTT is served at {}", rtt.local_addr()?);
+    }
+    bench.serve(peer, switches, rtt.as_ref())
 }

@@ -181,7 +181,10 @@ pub struct BringUp {
     /// What the emulator can show, under QEMU; the report is in `target/bring-up`
     #[arg(long, conflicts_with_all = ["probe", "port"])]
     pub qemu: bool,
+    /// What a virtual board can show; the report is in `target/bring-up`
+    #[arg(long = "virtual", conflicts_with_all = ["probe", "port", "qemu"])]
+    pub virtual_board: bool,
     /// Instead, see whether a report is as it was written
-    #[arg(long, value_name = "REPORT.json", conflicts_with_all = ["board", "probe", "port", "qemu"])]
+    #[arg(long, value_name = "REPORT.json", conflicts_with_all = ["board", "probe", "port", "qemu", "virtual_board"])]
     pub verify: Option<InputPath>,
 }

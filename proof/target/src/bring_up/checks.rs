@@ -96,6 +96,8 @@ enum Need {
     ChipAtPort,
     /// Both of them, and a serial line whose bytes take their time.
     Rate,
+    /// That, and a board whose time is this computer's.
+    Clock,
 }
 
 impl Need {
@@ -103,15 +105,24 @@ impl Need {
     fn lacks(self, facts: &Facts) -> Option<&'static str> {
         let in_emulator = match self {
             Self::Chip | Self::ChipAtPort => Some("the emulator does not have it"),
-            Self::Rate => Some("the emulator's serial line has no rate"),
+            Self::Rate | Self::Clock => Some("the emulator's serial line has no rate"),
             Self::Program | Self::Port => None,
         };
         let without_port = match self {
-            Self::Port | Self::ChipAtPort | Self::Rate => Some("needs the serial port: --port"),
+            Self::Port | Self::ChipAtPort | Self::Rate | Self::Clock => {
+                Some("needs the serial port: --port")
+            }
             Self::Program | Self::Chip => None,
         };
         let in_emulator = in_emulator.filter(|_| facts.are_emulated());
-        in_emulator.or(without_port.filter(|_| !facts.have_port()))
+        let on_virtual_board = match self {
+            Self::Clock => Some("a virtual board has a time of its own"),
+            _ => None,
+        };
+        let on_virtual_board = on_virtual_board.filter(|_| facts.are_virtual());
+        in_emulator
+            .or(on_virtual_board)
+            .or(without_port.filter(|_| !facts.have_port()))
     }
 }
 

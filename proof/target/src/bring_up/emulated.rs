@@ -13,7 +13,7 @@ use target::emulator::semihosting;
 
 use super::{
     exchange::{exchange, listen, send_bursts, send_early},
-    facts::{END, Facts, READY},
+    facts::{BEGIN, END, Facts, READY},
     stream,
 };
 
@@ -79,6 +79,7 @@ fn run_with<W: Write + Send>(
         send_early(&mut from, &mut to)?;
         listen(&mut from, &mut facts)?;
         send_early(&mut from, &mut to)?;
+        read(&mut output, BEGIN, &mut facts)?;
         read(&mut output, READY, &mut facts)?;
         let bytes = facts.get("serial.expected").unwrap_or_default();
         exchange(&mut from, &mut to, bytes, &mut facts)?;

@@ -8,6 +8,8 @@ use anyhow::{Context, Result};
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
 pub(super) struct Facts(BTreeMap<String, i64>);
 
+/// Says that facts follow: what was said before is of faults.
+pub(super) const BEGIN: &str = "facts";
 /// Says that the program waits for bytes at its serial line.
 pub(super) const READY: &str = "ready";
 /// Says that there is no more.
@@ -51,6 +53,11 @@ impl Facts {
         self.get("emulated") == Some(1)
     }
 
+    /// Whether it has run on a virtual board.
+    pub(super) fn are_virtual(&self) -> bool {
+        self.get("virtual") == Some(1)
+    }
+
     /// Whether this computer had the serial line.
     pub(super) fn have_port(&self) -> bool {
         self.get("port") == Some(1)
@@ -67,7 +74,6 @@ impl Facts {
 }
 
 /// Takes the part up to a line, if that has come.
-#[cfg(any(feature = "probe", test))]
 pub(super) fn take_until(text: &mut String, line: &str) -> Option<String> {
     let end = format!("{line}\n");
     let place = text

@@ -39,7 +39,7 @@ mod with_probe {
     use crate::{
         bring_up::{
             exchange::{exchange, listen, send_bursts},
-            facts::{END, READY, take_until},
+            facts::{BEGIN, END, READY, take_until},
             stream,
         },
         flash, latency,
@@ -83,6 +83,7 @@ mod with_probe {
             text: String::new(),
         };
         let mut facts = Facts::default();
+        output.take(&mut core, BEGIN)?;
         facts.read(&output.take(&mut core, READY)?)?;
         facts.put("port", port.is_some().into());
         let Some(port) = port else {

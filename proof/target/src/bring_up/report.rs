@@ -44,7 +44,7 @@ impl Report {
         Self {
             board: board.name.clone(),
             part: board.part.probe_rs.clone(),
-            is_emulated: facts.are_emulated(),
+            is_emulated: facts.are_emulated() || facts.are_virtual(),
             unique_number: facts.unique_number(),
             image_sha256: digest(image),
             verdict,

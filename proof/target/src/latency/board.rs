@@ -28,7 +28,7 @@ mod with_probe {
         latency::{
             Chip, Live, Options, bounds,
             channels::Memory,
-            follow, interrupted, is_over,
+            chosen_workload, duration, follow, interrupted, is_over,
             measurement::{Clock, Task},
             open,
             outcome::{Outcome, judge},
@@ -44,7 +44,7 @@ mod with_probe {
 
     /// Measures on a board.
     pub(in crate::latency) fn measure(name: &str, options: &Options) -> Result<Outcome> {
-        let workload = workload(options)?;
+        let workload = chosen_workload(options)?;
         let board = firmware::boards::named(name)?;
         let elf = firmware::traced(&board)?;
         let proof = bounds::Proof::of(&elf, &board)?;

@@ -19,7 +19,7 @@ use rigless::{
 
 use super::memory;
 
-/// How long an erasure takes here.
+/// How long an erasure takes where nothing else is asked for.
 const ERASE_NS: u64 = 20_000_000;
 
 /// Something done to the array.
@@ -42,6 +42,8 @@ pub(crate) struct FlashWithArray {
     pub(crate) changes: Vec<Change>,
     /// The supply has been cut: nothing changes any more.
     pub(crate) is_cut: bool,
+    /// How long an erasure takes.
+    pub(crate) erase_ns: u64,
     /// The end of an erasure.
     erased: Option<EventId>,
 }
@@ -53,6 +55,7 @@ impl FlashWithArray {
             sectors: memory::sectors(board),
             changes: Vec::new(),
             is_cut: false,
+            erase_ns: ERASE_NS,
             erased: None,
         }
     }
@@ -72,7 +75,7 @@ impl FlashWithArray {
             return;
         };
         registers.set(Register::Sr, sr::BSY.set(registers.get(Register::Sr), 1));
-        self.erased = Some(context.schedule(VirtualNanos(context.now().0 + ERASE_NS)));
+        self.erased = Some(context.schedule(VirtualNanos(context.now().0 + self.erase_ns)));
         if !self.is_cut {
             self.changes.push(Change::Erased(start, bytes));
             for address in (start..start + bytes).step_by(4) {

@@ -78,7 +78,7 @@ fn baud_rate(parts: &mut Parts<'_>, core_hz: i64) {
     let name = "baud rate by this computer's clock";
     let rounded = by_divider.map_or_else(|| "none".into(), |rate| format!("{rate:.0}"));
     let expected = format!("{}; {rounded} by the divider", allowed());
-    parts.add(name, Need::Rate, expected, |facts| {
+    parts.add(name, Need::Clock, expected, |facts| {
         Some(shown(facts.get("stream.baud")? as f64))
     });
     let expected = format!("within {MAX_PAUSE_PERCENT} % of that by the divider");
