@@ -5,7 +5,7 @@ use super::sources;
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
-    ("proof", 28_080),
+    ("proof", 28_200),
     ("src", 33_800),
     ("tests", 38_600),
     ("xtask", 22_500),
