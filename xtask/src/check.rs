@@ -233,7 +233,7 @@ fn report(outcomes: &[Outcome]) -> ExitCode {
                     took.dimmed()
                 );
             }
-            Err(error) => eprintln!("{:>12} {name}: {}", "FAILED".red().bold(), error),
+            Err(error) => eprintln!("{:>12} {name}: {error:#}", "FAILED".red().bold()),
         }
     }
     let failed = outcomes.iter().filter(|outcome| outcome.result.is_err());

@@ -153,10 +153,10 @@ mod tests {
     #[test]
     fn what_is_noted_is_installed_until_something_else_is_wanted() {
         let home = tempfile::tempdir().unwrap();
-        assert!(!is_noted(home.path(), "unicorn==2"));
-        note(home.path(), "unicorn==2").unwrap();
-        assert!(is_noted(home.path(), "unicorn==2"));
-        assert!(!is_noted(home.path(), "unicorn==3"));
+        assert!(!is_noted(home.path(), "printrun==2"));
+        note(home.path(), "printrun==2").unwrap();
+        assert!(is_noted(home.path(), "printrun==2"));
+        assert!(!is_noted(home.path(), "printrun==3"));
     }
 
     /// A Python of a version that makes environments with itself in them, and fails at a step.
@@ -184,16 +184,16 @@ esac
     fn an_environment_is_made_once_for_each_list_and_python_and_never_changed() {
         let folder = tempfile::tempdir().unwrap();
         let (home, list) = (folder.path().join("python"), folder.path().join("list"));
-        fs::write(&list, "unicorn==2").unwrap();
+        fs::write(&list, "printrun==2").unwrap();
         let make = |version, fails_at| {
             let system = false_python(folder.path(), version, fails_at);
-            environment(&system, &home, &list, "Unicorn")
+            environment(&system, &home, &list, "Printrun")
         };
         let first = make("3.9.2", "nothing").unwrap();
         // Nothing is installed any more.
         assert_eq!(make("3.9.2", "venv").unwrap(), first);
         let second = make("3.10.0", "nothing").unwrap();
-        fs::write(&list, "unicorn==3").unwrap();
+        fs::write(&list, "printrun==3").unwrap();
         let third = make("3.10.0", "nothing").unwrap();
         assert!(first != second && second != third);
         assert!([&first, &second, &third].iter().all(|it| it.exists()));
@@ -207,7 +207,7 @@ esac
     fn what_python_or_pip_cannot_do_is_distinguished_from_faults() {
         let folder = tempfile::tempdir().unwrap();
         let (home, list) = (folder.path().join("python"), folder.path().join("list"));
-        fs::write(&list, "unicorn==2").unwrap();
+        fs::write(&list, "printrun==2").unwrap();
         for (version, fails_at, reason) in [
             (
                 "3.8.19",
@@ -215,10 +215,10 @@ esac
                 "Python 3.8.19 is too old: 3.9 or newer is needed",
             ),
             ("3.9.0", "venv", "python3-venv`): no venv"),
-            ("3.9.0", "pip", "pip cannot install Unicorn: no pip"),
+            ("3.9.0", "pip", "pip cannot install Printrun: no pip"),
         ] {
             let system = false_python(folder.path(), version, fails_at);
-            let error = environment(&system, &home, &list, "Unicorn").unwrap_err();
+            let error = environment(&system, &home, &list, "Printrun").unwrap_err();
             let message = format!("{error:#}");
             assert!(message.contains(reason), "{message}");
             assert!(error.is::<Unavailable>(), "{message}");
@@ -231,7 +231,7 @@ esac
             (list.join("python"), &list),
             (home, &folder.path().join("none")),
         ] {
-            let error = environment(&system, &home, list, "Unicorn").unwrap_err();
+            let error = environment(&system, &home, list, "Printrun").unwrap_err();
             assert!(!error.is::<Unavailable>(), "{error:#}");
         }
     }

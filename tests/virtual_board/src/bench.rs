@@ -163,7 +163,11 @@ struct Served {
 
 impl Driver<Machine> for Served {
     fn on_settled(&mut self, session: &mut Session<Machine>, _: &mut dyn Host, _: Settled) {
-        self.world.follow(&mut session.board_mut().chip);
+        let chip = &mut session.board_mut().chip;
+        self.world.follow(chip);
+        // Nobody asks for it, however long the board runs.
+        self.world.forget();
+        chip.flash.changes.clear();
     }
 
     fn on_stop(

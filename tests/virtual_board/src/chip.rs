@@ -68,6 +68,8 @@ pub(crate) struct Chip {
     id_code: u64,
     /// The crystal, Hz; 0: none.
     crystal_hz: u64,
+    /// The regulator begins with its scale 2.
+    has_scale_2: bool,
     /// What the board holds pins at, which a reset of the crate's models forgets.
     held: [[Option<Level>; 16]; PORTS.len()],
 }
@@ -140,11 +142,13 @@ impl Chip {
             memory: memory::of(board),
             id_code: REVISION | fitted.device,
             crystal_hz: fitted.crystal_hz,
+            has_scale_2: board.chip.hal == "f411",
             held: Default::default(),
             models,
         };
         chip.models.rcc.attach_crystals(fitted.crystal_hz, 0);
         chip.put_on(chip.bus_with_own()?);
+        chip.correct_voltage();
         chip.check()?;
         Ok(chip)
     }
@@ -202,6 +206,14 @@ impl Chip {
         *old = bus;
         let debug = old.slot_mut(self.slots.debug).registers_mut();
         debug.set(dbg::Register::DbgmcuIdcode, self.id_code);
+    }
+
+    /// The regulator of the chips of 100 MHz begins with its scale 2: RM0383 5.4.1.
+    fn correct_voltage(&mut self) {
+        if self.has_scale_2 {
+            let (_, registers) = self.models.power();
+            registers.set(pwr::Register::Cr, 0x8000);
+        }
     }
 
     /// Fits another crystal, and another chip of the family, from the next reset on.
@@ -300,8 +312,7 @@ fn bit_of(instance: &str, registers: &str, ending: &str) -> Option<(&'static str
     })
 }
 
-/// The instances that the chip of a board does not have: timers and serial ports that its file does not list, and
-/// ports of pins that no package of it has.
+/// The instances that the chip of a board does not have: timers and serial ports that its file does not list.
 fn absent<'a>(
     board: &Board,
     instances: impl Iterator<Item = &'a Peripheral>,
@@ -312,8 +323,9 @@ fn absent<'a>(
                 .and_then(|it| it.parse::<u8>().ok())
         };
         match (number("TIM"), number("USART"), number("UART")) {
-            // Those without outputs are in no file: 6 and 7.
-            (Some(timer), ..) => timer == 6 || timer == 7 || board.chip.timers.contains(&timer),
+            // Those without outputs are in no file: 6 and 7, which the F411 lacks.
+            (Some(6 | 7), ..) => board.chip.hal != "f411",
+            (Some(timer), ..) => board.chip.timers.contains(&timer),
             (_, Some(usart), _) => board.chip.usarts.contains(&usart),
             (.., Some(_)) => false,
             _ => true,
@@ -341,6 +353,7 @@ impl Mcu for Chip {
         self.models.reset(at, cause);
         let bus = self.bus_with_own();
         self.put_on(bus.expect("the bus has been built before"));
+        self.correct_voltage();
         self.timers = SmallTimers::new();
         self.capture = Capture::default();
         self.flash.registers = Flash::with_clock(rcc::HSI_HZ);

@@ -4,11 +4,16 @@ use std::{collections::BTreeMap, fs, path::Path};
 
 use board_data::{Board, Pin, Pull, PwmOutput, SerialPins, Wiring};
 
-use crate::{bench::Bench, machine::Machine};
+use crate::{bench::Bench, bootloader::MOST_INTERRUPTS, machine::Machine};
 
 /// Registers: RM0090 2.3, 3.9, 7.3, 8.4, 17.4, 18.4, 21.4 and 30.6.
 const FLASH_ACR: u64 = 0x4002_3C00;
+const SYSCFG_EXTICR1: u64 = 0x4001_3808;
+const EXTI_IMR: u64 = 0x4001_3C00;
+const EXTI_RTSR: u64 = 0x4001_3C08;
+const EXTI_FTSR: u64 = 0x4001_3C0C;
 const EXTI_PR: u64 = 0x4001_3C14;
+const PWR_CR: u64 = 0x4000_7000;
 const RCC_BDCR: u64 = 0x4002_3870;
 const IWDG_PR: u64 = 0x4000_3004;
 const IWDG_RLR: u64 = 0x4000_3008;
@@ -26,10 +31,12 @@ const CCER: u64 = 0x20;
 const PSC: u64 = 0x28;
 const ARR: u64 = 0x2C;
 const CCR1: u64 = 0x34;
+const CCMR1: u64 = 0x18;
+const BDTR: u64 = 0x44;
 
 /// Of the processor, which a debug probe reads: ISER, IPR, SHPR3, VTOR, AIRCR, ICSR.
-const ENABLES: usize = 3;
-const PRIORITIES: usize = 24;
+const ENABLES: usize = MOST_INTERRUPTS.div_ceil(32);
+const PRIORITIES: usize = MOST_INTERRUPTS.div_ceil(4);
 pub(crate) const ADDRESSES: [u32; ENABLES + PRIORITIES + 4] = addresses();
 
 const fn addresses() -> [u32; ENABLES + PRIORITIES + 4] {
@@ -58,6 +65,8 @@ const BAUD: f64 = 115_200.0;
 /// How far a frequency may be off.
 const TOLERANCE: f64 = 0.005;
 const PWM_TOLERANCE: f64 = 0.03;
+/// Tasks that src/app.rs binds to vectors of the chip, at least.
+const LEAST_PRIORITIES: usize = 6;
 /// How long the watchdog may wait at least, ms, and its clock at its fastest, kHz: data sheets, LSI.
 const WATCHDOG_MS: std::ops::Range<f64> = 100.0..200.0;
 const LSI_KHZ: f64 = 47.0;
@@ -105,6 +114,7 @@ pub(crate) fn faults(bench: &Bench, machine: &mut Machine, words: &[u32]) -> Vec
     if pending != 0 {
         faults.push(format!("EXTI_PR is {pending:#x}: a flag is not cleared"));
     }
+    faults.extend(lines(wiring, machine));
     faults.extend(pins(wiring, machine));
     faults.extend(processor(bench, words));
     faults
@@ -125,6 +135,13 @@ fn clocks(board: &Board, wiring: &Wiring, machine: &mut Machine) -> Vec<String> 
                 "{name} runs at {mhz} MHz instead of {expected} (RCC_CFGR, RCC_PLLCFGR)"
             ));
         }
+    }
+    // The highest voltage of the regulator, for the clock of every board: RM0090 5.4.1, RM0383 5.4.1.
+    let scale = machine.chip.word(PWR_CR) >> 14 & 3;
+    if scale & 2 == 0 || board.chip.hal == "f411" && scale != 3 {
+        faults.push(format!(
+            "VOS of PWR_CR is {scale:#b}: the voltage is for a slower clock"
+        ));
     }
     let wait_states = machine.chip.word(FLASH_ACR) & 15;
     if wait_states != u64::from(clocks.flash_wait_states) {
@@ -175,11 +192,64 @@ fn pwm_fault(output: PwmOutput, clock_hz: f64, mut at: impl FnMut(u64) -> u64) -
             "TIM{timer}_PSC and TIM{timer}_ARR make {hz:.0} Hz of the PWM instead of about {PWM_HZ}"
         ));
     }
-    if at(CR1) & 1 == 0 || at(CCER) == 0 {
+    let channel = u64::from(output.channel) - 1;
+    // PWM mode 1, active high, on this channel alone: RM0090 17.4.7, 17.4.9 and 17.4.18.
+    let mode = at(CCMR1 + channel / 2 * 4) >> (4 + channel % 2 * 8) & 7;
+    if mode != 0b110 || at(CCER) != 1 << (4 * channel) {
+        return Some(format!(
+            "TIM{timer}_CCMR and TIM{timer}_CCER: the PWM is not that of channel {}",
+            channel + 1
+        ));
+    }
+    if matches!(timer, 1 | 8) && at(BDTR) >> 15 & 1 == 0 {
+        return Some(format!("TIM{timer}_BDTR: MOE is not set"));
+    }
+    if at(CR1) & 1 == 0 {
         return Some(format!("TIM{timer}, of the PWM, does not run"));
     }
-    let is_on = at(CCR1 + 4 * (u64::from(output.channel) - 1)) != 0;
+    let is_on = at(CCR1 + 4 * channel) != 0;
     is_on.then(|| format!("the PWM of TIM{timer} is on"))
+}
+
+/// Whether a board has a PWM that is never high.
+pub(crate) fn is_pwm_off(bench: &Bench, machine: &mut Machine) -> bool {
+    let pwm = bench.wiring().ok().and_then(|wiring| wiring.pwm);
+    pwm.is_some_and(|(_, pwm)| {
+        let channel = u64::from(pwm.channel) - 1;
+        machine
+            .chip
+            .word(u64::from(pwm.base()) + CCR1 + 4 * channel)
+            == 0
+    })
+}
+
+/// The lines of the inputs that interrupt: their ports, and both edges.
+fn lines(wiring: &Wiring, machine: &mut Machine) -> Vec<String> {
+    let polled = wiring.polled();
+    let inputs = wiring
+        .inputs
+        .iter()
+        .filter(|(input, _)| !polled.contains(input));
+    let mut faults = Vec::new();
+    for (input, signed) in inputs {
+        let number = u64::from(signed.pin.number);
+        let port = machine.chip.word(SYSCFG_EXTICR1 + number / 4 * 4) >> (number % 4 * 4) & 15;
+        if port != u64::from(signed.pin.port) {
+            faults.push(format!(
+                "SYSCFG_EXTICR: line {number}, {}, is that of port {port}",
+                input.key()
+            ));
+        }
+        for (name, register) in [("IMR", EXTI_IMR), ("RTSR", EXTI_RTSR), ("FTSR", EXTI_FTSR)] {
+            if machine.chip.word(register) >> number & 1 == 0 {
+                faults.push(format!(
+                    "EXTI_{name}: line {number}, {}, is off",
+                    input.key()
+                ));
+            }
+        }
+    }
+    faults
 }
 
 /// The pins of the board's file, each with what it is and what it should be.
@@ -335,9 +405,26 @@ fn processor(bench: &Bench, words: &[u32]) -> Vec<String> {
         faults.push("ICSR: PendSV is pending".into());
     }
     let priorities = priorities();
+    if priorities.len() < LEAST_PRIORITIES {
+        faults.push(format!(
+            "src/app.rs has only {} priorities",
+            priorities.len()
+        ));
+    }
+    faults.extend(interrupts(bench, words, &priorities, (system >> 24) as u8));
+    faults
+}
+
+/// Each interrupt with a handler is enabled, with the priority of its task and below that of the step timer.
+fn interrupts(
+    bench: &Bench,
+    words: &[u32],
+    priorities: &BTreeMap<String, u8>,
+    step: u8,
+) -> Vec<String> {
+    let mut faults = Vec::new();
     let handlers = bench.handlers();
-    let step = (system >> 24) as u8;
-    for number in 0..ENABLES * 32 {
+    for number in 0..MOST_INTERRUPTS {
         let name = handlers.get(&number).map(|handler| handler.1.as_str());
         let has_handler = name.is_some();
         let is_enabled = words[number / 32] >> (number % 32) & 1 == 1;
@@ -356,6 +443,11 @@ fn processor(bench: &Bench, words: &[u32]) -> Vec<String> {
             continue;
         }
         let priority = (words[ENABLES + number / 4] >> (8 * (number % 4))) as u8;
+        let name = if name.starts_with("EXTI") {
+            "TIM1_UP_TIM10"
+        } else {
+            name
+        };
         let name = if name.starts_with("USART") {
             "USART1"
         } else {

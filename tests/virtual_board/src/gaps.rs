@@ -1,4 +1,5 @@
-//! Registers that no model answers for: each is a fault, unless it is listed here with the reason.
+//! Accesses to registers that no model answers for, and what models report: each is a fault. Where one must be borne, it
+//! is listed here with the reason; none has to be.
 
 use rigless::session::Session;
 

@@ -101,19 +101,23 @@ impl Lines {
                     continue;
                 };
                 // Of the project alone: what it has inlined from libraries tells little.
-                if let Some(at) = file.rfind("src/").filter(|_| !file.contains("/.cargo/")) {
+                if let Some(at) = file.rfind("src/").filter(|_| is_own(file)) {
                     let name = name.unwrap_or_default();
                     places.push(format!("{name}, {}:{line}", &file[at..]));
                 }
             }
         }
-        places.retain(|place| !place.contains("src/rust/") && !place.contains("library/"));
         if places.is_empty() {
             return format!("{address:#x}");
         }
         places.truncate(3);
         format!("{address:#x}: {}", places.join(", from "))
     }
+}
+
+/// Whether a source file is the project's: what Cargo or the compiler has brought lies in folders of theirs.
+fn is_own(file: &str) -> bool {
+    !file.contains("/registry/src/") && !file.contains("/library/") && !file.contains("src/rust/")
 }
 
 /// What a loader writes into memory, by physical addresses.

@@ -14,8 +14,8 @@ use crate::{
     bootloader::State,
     chip::Fitted,
     place::Lines,
-    script::{Act, PowerUp, Wanted},
-    world::Closes,
+    script::{Act, Cut, PowerUp, Wanted},
+    world::{Closes, name_of_axis},
 };
 
 /// A program, the settings that it runs with, and the simulator's step events.
@@ -90,16 +90,27 @@ const STATES: [(&str, State); 7] = [
 const CHIPS: [u64; 2] = [0x413, 0x421];
 /// A crystal that the board does not have is one of these, MHz.
 const OTHER_CRYSTALS_MHZ: [u32; 2] = [12, 8];
-/// After so many words the supply is cut.
-const CUTS: [usize; 6] = [1, 2, 3, 5, 8, 13];
+/// Cuts of the supply, each with the values of a setting that may be there afterwards.
+const CUTS: [(Cut, &[&str]); 6] = [
+    (Cut::After(1), &["$121=10.000"]),
+    (Cut::After(2), &["$121=10.000"]),
+    (Cut::Half, &["$121=10.000"]),
+    (Cut::Before(2), &["$121=10.000", "$121=300.000"]),
+    (Cut::Before(1), &["$121=10.000", "$121=300.000"]),
+    (Cut::Before(0), &["$121=300.000"]),
+];
 /// Steps of a mm, and the travel of an axis, `$100` and `$130`, without settings.
 pub(crate) const STEPS_PER_MM: f64 = 250.0;
 const TRAVEL_MM: f64 = 200.0;
+/// Steps of a fifth of a mm.
+const START_STEPS: usize = 50;
 /// How far the lower switches are beyond the travel, and the probe's plate above the lower end of Z: the simulator's.
 const BEYOND_MM: f64 = 1.0;
 const PLATE_MM: f64 = 10.0;
 /// Ctrl-X.
 const RESET: &[u8] = &[0x18];
+/// What a machine that moves nothing must not do.
+const MOVE_ALL_THE_SAME: &[u8] = b"$X\nG91G1X1F600\n";
 /// The internal oscillator, MHz.
 const HSI_MHZ: u64 = 16;
 
@@ -150,7 +161,10 @@ pub(crate) fn play(
     if !jobs.is_empty() {
         let of_jobs = bench.play(job_script(bench, jobs)?, false)?;
         outcome.parts.extend(of_jobs.parts);
-        outcome.faults.extend(of_jobs.faults);
+        for (fault, (cases, by)) in of_jobs.faults {
+            let known = outcome.faults.entry(fault).or_insert((Vec::new(), by));
+            known.0.extend(cases);
+        }
     }
     for part in &outcome.parts {
         println!("  {part}");
@@ -175,7 +189,7 @@ fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
         Act::Part("as flashed"),
         Act::Case("a new board".into(), right),
     ];
-    script.extend(everyday(has(Input::Limit(0))));
+    script.extend(everyday(bench.axes, has(Input::Limit(0))));
     for (name, pin) in [
         ("spindle", wiring.spindle),
         ("flood", wiring.flood),
@@ -189,7 +203,7 @@ fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
             ..right
         };
         script.push(Act::Case("a flash that has been used".into(), power_up));
-        script.extend(start());
+        script.extend(start(bench.axes));
         script.push(Act::Want(Wanted::Erased(2)));
     }
     script.push(Act::Part("states of bootloaders"));
@@ -200,10 +214,11 @@ fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
                 ..right
             };
             script.push(Act::Case(name.into(), power_up));
-            script.extend(start());
+            script.extend(start(bench.axes));
         }
     }
-    script.extend(wrong_boards(bench, right, is_short));
+    script.extend(wrong_crystals(bench, right));
+    script.extend(wrong_chips(bench, right, is_short));
     script.extend(power_cuts(right, is_short));
     if wiring.eeprom.is_some() {
         let power_up = PowerUp {
@@ -214,34 +229,42 @@ fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
             Act::Part("a missing EEPROM"),
             Act::Case("no EEPROM".into(), power_up),
         ]);
-        script.extend(start());
-        script.extend([Act::Bytes(b"$120=300\n"), Act::Await("error:")]);
+        script.extend(start(bench.axes));
+        script.push(Act::Refused("$120=300"));
     }
-    script.extend(faults_in_motion(right, wiring.eeprom.is_some()));
+    let has_spindle = wiring.spindle.is_some();
+    script.extend(faults_in_motion(
+        right,
+        wiring.eeprom.is_some(),
+        has_spindle,
+    ));
     Ok(script)
 }
 
-/// What every start must be able to.
-fn start() -> Vec<Act> {
+/// What every start must be able to: all axes move by exact steps.
+fn start(axes: usize) -> Vec<Act> {
+    let words = (0..axes).map(|axis| format!("{}0.2", name_of_axis(axis)));
     vec![
         Act::Await("Grbl 1.1h"),
         Act::Compare,
         Act::State("Idle"),
         Act::line("G21G91"),
-        Act::line("G1X0.2F600"),
+        Act::Line(format!("G1{}F600", words.collect::<String>())),
         Act::State("Idle"),
-        Act::Want(Wanted::Resets(0)),
+        Act::Want(Wanted::Moved(START_STEPS)),
+        Act::Want(Wanted::Resets(&[])),
     ]
 }
 
 /// What a machine does every day: moves, settings that resets keep, outputs, a hold, a reset in motion, a limit switch.
-fn everyday(has_limit: bool) -> Vec<Act> {
-    let mut script = start();
+fn everyday(axes: usize, has_limit: bool) -> Vec<Act> {
+    let mut script = start(axes);
     script.extend(settings_and_resets());
     script.extend(motions());
     if has_limit {
         script.extend([
             Act::line("$21=1"),
+            Act::line("M3S1000"),
             Act::line("G91G1X2F100"),
             Act::Rest(100),
             Act::Press(Input::Limit(0)),
@@ -257,7 +280,7 @@ fn everyday(has_limit: bool) -> Vec<Act> {
     script.extend([
         Act::State("Idle"),
         Act::Want(Wanted::Position),
-        Act::Want(Wanted::Resets(1)),
+        Act::Want(Wanted::Resets(&["Pin"])),
     ]);
     script
 }
@@ -290,6 +313,7 @@ fn motions() -> Vec<Act> {
         Act::line("M8"),
         Act::line("M7"),
         Act::line("G4P0.05"),
+        Act::Want(Wanted::PwmOn),
         Act::line("M5M9"),
         Act::line("G90G21"),
         Act::line("G1X5F600"),
@@ -311,14 +335,18 @@ fn motions() -> Vec<Act> {
     ]
 }
 
-/// Other crystals, other chips, a firmware that is damaged.
-fn wrong_boards(bench: &Bench, right: PowerUp, is_short: bool) -> Vec<Act> {
+/// No crystal and another one.
+fn wrong_crystals(bench: &Bench, right: PowerUp) -> Vec<Act> {
     let own_mhz = bench.board.crystal_mhz;
     let other_mhz = OTHER_CRYSTALS_MHZ.into_iter().find(|mhz| *mhz != own_mhz);
     let mut script = vec![Act::Part("crystals")];
-    for (name, mhz) in [
-        ("no crystal", 0),
-        ("another crystal", other_mhz.unwrap_or(0)),
+    for (name, mhz, reason) in [
+        ("no crystal", 0, "[MSG:Crystal does not run"),
+        (
+            "another crystal",
+            other_mhz.unwrap_or(0),
+            "[MSG:Crystal of ",
+        ),
     ] {
         let crystal_hz = u64::from(mhz) * 1_000_000;
         let fitted = Fitted {
@@ -328,12 +356,20 @@ fn wrong_boards(bench: &Bench, right: PowerUp, is_short: bool) -> Vec<Act> {
         script.extend([
             Act::Case(name.into(), PowerUp { fitted, ..right }),
             Act::Await("ALARM:16"),
+            Act::Await(reason),
             Act::Await("Grbl "),
+            Act::Bytes(MOVE_ALL_THE_SAME),
+            Act::Rest(100),
             Act::Want(Wanted::CoreMhz(HSI_MHZ)),
             Act::Want(Wanted::NoStep),
         ]);
     }
-    script.push(Act::Part("chips"));
+    script
+}
+
+/// Every chip of the board's file, another one, and a firmware that is damaged.
+fn wrong_chips(bench: &Bench, right: PowerUp, is_short: bool) -> Vec<Act> {
+    let mut script = vec![Act::Part("chips")];
     let own = bench.board.chip.dev_ids.iter().map(|it| u64::from(*it));
     let others = own.clone().skip(1).chain([0]).filter(|_| !is_short);
     for device in others {
@@ -345,14 +381,18 @@ fn wrong_boards(bench: &Bench, right: PowerUp, is_short: bool) -> Vec<Act> {
             format!("DEV_ID {device:#x}"),
             PowerUp { fitted, ..right },
         ));
-        script.extend(start());
+        script.extend(start(bench.axes));
     }
-    let refused = [
-        Act::Await("ALARM:16"),
-        Act::Rest(50),
-        Act::Want(Wanted::No("Grbl ")),
-        Act::Want(Wanted::NoStep),
-    ];
+    let refused = |reason| {
+        [
+            Act::Await("ALARM:16"),
+            Act::Await(reason),
+            Act::Bytes(MOVE_ALL_THE_SAME),
+            Act::Rest(50),
+            Act::Want(Wanted::No("Grbl ")),
+            Act::Want(Wanted::NoStep),
+        ]
+    };
     let other = CHIPS
         .into_iter()
         .find(|it| !own.clone().any(|own| own == *it));
@@ -364,35 +404,47 @@ fn wrong_boards(bench: &Bench, right: PowerUp, is_short: bool) -> Vec<Act> {
         "another chip".into(),
         PowerUp { fitted, ..right },
     ));
-    script.extend(refused.clone());
+    script.extend(refused("[MSG:Firmware is for another chip"));
     let damaged = PowerUp {
         is_damaged: true,
         ..right
     };
     script.push(Act::Case("a damaged firmware".into(), damaged));
-    script.extend(refused);
+    script.extend(refused("[MSG:Firmware in flash is damaged"));
     script
 }
 
-/// The supply is cut while a setting is stored: one of the two values is there afterwards, and all others.
+/// The supply is cut while a setting is stored: the old value is there afterwards, the new one where all was stored, and
+/// all others.
 fn power_cuts(right: PowerUp, is_short: bool) -> Vec<Act> {
-    let cuts = if is_short { &CUTS[2..3] } else { &CUTS };
-    let mut script = vec![Act::Part("power cuts")];
-    for words in cuts {
-        script.extend([
-            Act::Case(format!("before a cut after {words} words"), right),
+    let begin = |name: String| {
+        [
+            Act::Case(name, right),
             Act::Await("Grbl "),
             Act::line("$120=200"),
             Act::line("$121=10"),
             Act::Rest(50),
-            Act::CutAfter(*words),
-            Act::line("$121=300"),
-            Act::Rest(50),
-            Act::Case(format!("behind a cut after {words} words"), right),
+        ]
+    };
+    let mut script = vec![Act::Part("power cuts")];
+    script.extend(begin("no cut".into()));
+    script.extend([Act::CountStored, Act::line("$121=300"), Act::Rest(50)]);
+    let cuts = if is_short { &CUTS[2..3] } else { &CUTS };
+    for (cut, expected) in cuts {
+        script.extend(begin(format!("a cut: {cut:?}")));
+        script.extend([
+            Act::line("$$"),
+            Act::Remember,
+            Act::CutAfter(*cut),
+            // Its answer tells of what is cut.
+            Act::Bytes(b"$121=300\n"),
+            Act::Rest(100),
+            Act::Want(Wanted::Cut),
+            Act::Case(format!("after a cut: {cut:?}"), right),
             Act::Await("Grbl "),
             Act::line("$$"),
-            Act::Want(Wanted::Lines("$120=200.000".into(), 1)),
-            Act::Want(Wanted::OneOf(&["$121=10.000", "$121=300.000"])),
+            Act::Want(Wanted::OneOf(expected)),
+            Act::Want(Wanted::Remembered("$121=")),
             Act::State("Idle"),
         ]);
     }
@@ -400,15 +452,20 @@ fn power_cuts(right: PowerUp, is_short: bool) -> Vec<Act> {
 }
 
 /// The core hangs, the crystal stops, the supply falls, each while X moves.
-fn faults_in_motion(right: PowerUp, has_eeprom: bool) -> Vec<Act> {
+fn faults_in_motion(right: PowerUp, has_eeprom: bool, has_spindle: bool) -> Vec<Act> {
     // With a supply that stays low, no flash is written.
     let stored = if has_eeprom { "ok" } else { "error:" };
     let mut script = vec![Act::Part("faults in motion")];
-    for (name, acts) in [
-        ("the core hangs", vec![Act::Hang, Act::Await("ALARM:200")]),
+    for (name, acts, causes) in [
+        (
+            "the core hangs",
+            vec![Act::Hang, Act::Await("ALARM:200")],
+            &["IWDG"],
+        ),
         (
             "the crystal stops",
             vec![Act::StopCrystal, Act::Await("ALARM:200")],
+            &["Core"],
         ),
         (
             "the supply falls",
@@ -422,6 +479,7 @@ fn faults_in_motion(right: PowerUp, has_eeprom: bool) -> Vec<Act> {
                 Act::Supply(3300),
                 Act::Bytes(RESET),
             ],
+            &["Core"],
         ),
     ] {
         script.extend([
@@ -436,9 +494,12 @@ fn faults_in_motion(right: PowerUp, has_eeprom: bool) -> Vec<Act> {
         script.extend([
             Act::Await("Grbl "),
             Act::State("Alarm"),
-            Act::line("$X"),
-            Act::Want(Wanted::Resets(1)),
+            Act::Want(Wanted::Resets(causes)),
         ]);
+        // What hangs switches nothing off: the reset does.
+        if *causes != ["IWDG"] && has_spindle {
+            script.push(Act::Want(Wanted::Inactive("spindle")));
+        }
     }
     script
 }
@@ -465,7 +526,7 @@ fn job_script(bench: &Bench, jobs: &[Job]) -> Result<Vec<Act>> {
             Act::Stream(text.lines().map(str::to_owned).collect()),
             Act::State("Idle"),
             Act::Want(Wanted::Steps(job.events.clone())),
-            Act::Want(Wanted::Resets(0)),
+            Act::Want(Wanted::Resets(&[])),
         ]);
     }
     Ok(script)
@@ -483,9 +544,10 @@ pub(crate) fn switches(settings: &[String], axes: usize) -> Vec<(Input, Closes)>
         let scale = setting(100 + axis).unwrap_or(STEPS_PER_MM);
         let half_mm = setting(130 + axis).unwrap_or(TRAVEL_MM) / 2.0;
         let steps = |mm: f64| (mm * scale).round() as i32;
-        let limit = Input::Limit(axis as u8);
-        switches.push((limit, Closes::From(steps(half_mm))));
-        switches.push((limit, Closes::DownFrom(steps(-half_mm - BEYOND_MM))));
+        for limit in [Input::Limit(axis as u8), Input::SecondLimit(axis as u8)] {
+            switches.push((limit, Closes::From(steps(half_mm))));
+            switches.push((limit, Closes::DownFrom(steps(-half_mm - BEYOND_MM))));
+        }
         if axis == 2 {
             let plate = Closes::DownFrom(steps(-half_mm + PLATE_MM));
             switches.push((Input::Probe, plate));

@@ -9,7 +9,7 @@ use std::{
 
 use anyhow::{Result, anyhow};
 use rigless::{
-    emulator::{Driver, HitKind, Host, Settled, Stop, Watch as Watched},
+    emulator::{self, Driver, HitKind, Host, Settled, Stop, Watch as Watched},
     session::Session,
     soc::Width,
     time::VirtualNanos,
@@ -19,13 +19,14 @@ use crate::{
     bench::Bench,
     bootloader, compare,
     debugger::{self, Probe},
-    job,
     machine::{Machine, SUPPLY_MV},
-    script::{Act, PowerUp, Wanted},
+    script::{Act, Cut, PowerUp},
     watch::Watch,
     wire::Wire,
     world::World,
 };
+
+mod wanted;
 
 const MS: u64 = 1_000_000;
 /// How often script and world have a look, ns.
@@ -67,6 +68,7 @@ struct Marks {
     resets: usize,
     steps: usize,
     switchings: usize,
+    energised: usize,
     words: usize,
     erased: usize,
     at_ns: u64,
@@ -101,6 +103,10 @@ pub(crate) struct Run {
     handlers: Vec<u64>,
     is_initialised: bool,
     cut_after: usize,
+    /// Where the count of what is stored has begun, and what it was; settings that were listed.
+    counted_from: Option<usize>,
+    counted: usize,
+    remembered: Vec<String>,
     /// What has been changed in the firmware: an address and its word.
     damaged: Option<(u64, u64)>,
     now: VirtualNanos,
@@ -136,6 +142,9 @@ impl Run {
             handlers: bench.all_handlers(),
             is_initialised: false,
             cut_after: usize::MAX,
+            counted_from: None,
+            counted: 0,
+            remembered: Vec::new(),
             damaged: None,
             now: VirtualNanos(0),
             part: None,
@@ -197,7 +206,14 @@ impl Run {
             }
             let is_answered = is_answer && self.in_flight.is_empty() && self.pending.is_empty();
             let is_awaited = match &self.current {
-                Some((Act::Line(_) | Act::Stream(_), _)) => is_answered,
+                Some((act @ (Act::Line(_) | Act::Stream(_) | Act::Refused(_)), _)) => {
+                    let is_right = matches!(act, Act::Refused(_)) != (line == "ok");
+                    if is_answer && !is_right {
+                        let message = format!("{line} comes instead of {}", act.awaited());
+                        self.watch.fault(message, None);
+                    }
+                    is_answered
+                }
                 Some((Act::Await(beginning), _)) => line.starts_with(beginning),
                 Some((Act::State(state), _)) => {
                     let report = line.strip_prefix('<');
@@ -237,7 +253,6 @@ impl Run {
     fn begin(&mut self, act: Act, session: &mut Session<Machine>, host: &mut dyn Host) {
         let now = self.now;
         let chip = &mut session.board_mut().chip;
-        let mut is_over = true;
         match &act {
             Act::Part(name) => {
                 self.end_case();
@@ -252,6 +267,7 @@ impl Run {
                 self.marks = self.marks_now();
             }
             Act::Line(line) => self.pending.push_back(line.clone()),
+            Act::Refused(line) => self.pending.push_back((*line).to_owned()),
             Act::Stream(lines) => self.pending.extend(lines.iter().cloned()),
             Act::Bytes(bytes) => wire(session).outgoing.extend(*bytes),
             Act::Press(input) => self.world.press(*input, true, now, chip),
@@ -275,50 +291,65 @@ impl Run {
             }
             Act::Hang => host.hold(true),
             Act::Reset => session.reset_by_pin(now, 0, host),
-            Act::CutAfter(words) => {
-                self.cut_after = self.watch.words + words;
-                self.world.cut_after(*words);
+            Act::CountStored => self.counted_from = Some(self.stored()),
+            Act::CutAfter(cut) => {
+                let count = match cut {
+                    Cut::After(count) => *count,
+                    Cut::Half => self.counted / 2,
+                    Cut::Before(count) => self.counted.saturating_sub(*count),
+                };
+                self.cut_after = self.watch.words + count;
+                self.world.cut_after(count);
             }
+            Act::Remember => self.remembered = self.settings_listed(),
             Act::Want(wanted) => self.compare(wanted, session),
             Act::Await(_) | Act::State(_) | Act::Rest(_) => {}
         }
-        is_over &= !matches!(
-            act,
-            Act::Line(_)
-                | Act::Stream(_)
-                | Act::StopCrystal
-                | Act::Compare
-                | Act::Hang
-                | Act::Await(_)
-                | Act::State(_)
-                | Act::Rest(_)
-        );
-        self.current = (!is_over).then_some((act, now));
+        self.current = act.is_awaited().then_some((act, now));
+    }
+
+    /// Words that have been stored, or bytes in an EEPROM.
+    fn stored(&self) -> usize {
+        self.watch.words + self.world.eeprom_written()
+    }
+
+    /// The settings that were listed in this case.
+    fn settings_listed(&self) -> Vec<String> {
+        let lines = self.lines[self.marks.lines..].iter();
+        lines
+            .filter(|line| line.starts_with('$'))
+            .cloned()
+            .collect()
     }
 
     /// Switches the supply off and on, with nothing left in RAM.
     fn power_up(&mut self, power_up: PowerUp, session: &mut Session<Machine>, host: &mut dyn Host) {
         let memory = self.bench.board.memory(self.bench.axes);
+        if let Some(from) = self.counted_from.take() {
+            self.counted = self.stored() - from;
+        }
         if self.now.0 > TICK {
             let ram = bootloader::RAM_START..bootloader::RAM_START + memory.ram_bytes;
             for address in ram.step_by(4) {
-                let _ = host.write(address.into(), Width::W32, NOISE);
+                self.put(host.write(address.into(), Width::W32, NOISE));
             }
         }
         let number = power_up.bootloader.map_or(0, |number| number as u64 + 1);
-        let _ = host.write(bootloader::SELECTION.into(), Width::W32, number);
+        self.put(host.write(bootloader::SELECTION.into(), Width::W32, number));
         if let Some((address, word)) = self.damaged.take() {
-            let _ = host.program(address, Width::W32, word);
+            self.put(host.program(address, Width::W32, word));
         }
         if power_up.is_damaged {
             self.damage(host);
         }
         if power_up.is_used {
             for sector in memory.journal.into_iter().flatten() {
+                let flash = &mut session.board_mut().chip.flash;
+                flash.forget(sector.address.into(), sector.bytes.into());
                 for offset in (0..JOURNAL_BYTES).step_by(4) {
                     let address = u64::from(sector.address) + offset;
                     let word = if offset < USED_BYTES { NOISE } else { ERASED };
-                    let _ = host.program(address, Width::W32, word);
+                    self.put(host.program(address, Width::W32, word));
                 }
             }
         }
@@ -339,6 +370,14 @@ impl Run {
         self.restart(session);
     }
 
+    /// What cannot be written into memory was not there.
+    fn put(&mut self, written: Result<(), emulator::Error>) {
+        if let Err(error) = written {
+            self.watch
+                .fault(format!("the memory takes nothing: {error}"), None);
+        }
+    }
+
     /// Changes a letter of the firmware.
     fn damage(&mut self, host: &mut dyn Host) {
         let found = self
@@ -356,8 +395,8 @@ impl Run {
         });
         match word {
             Some((address, word)) => {
-                // Another letter, whichever of the four it is.
-                let _ = host.program(address, Width::W32, word ^ 0x2020_2020);
+                // One bit of it.
+                self.put(host.program(address, Width::W32, word ^ 0x20));
                 self.damaged = Some((address, word));
             }
             None => self
@@ -424,77 +463,13 @@ impl Run {
         }
     }
 
-    /// Looks whether something is as it should be.
-    fn compare(&mut self, wanted: &Wanted, session: &mut Session<Machine>) {
-        let lines = &self.lines[self.marks.lines..];
-        let count = |beginning: &str| {
-            let lines = lines.iter().filter(|line| line.starts_with(beginning));
-            lines.count()
-        };
-        let steps = &self.world.steps[self.marks.steps..];
-        let fault = match wanted {
-            Wanted::Lines(beginning, times) => {
-                let count = count(beginning);
-                (count != *times)
-                    .then(|| format!("{beginning:?} comes {count} times instead of {times}"))
-            }
-            Wanted::OneOf(beginnings) => {
-                let is_there = beginnings.iter().any(|it| count(it) > 0);
-                (!is_there).then(|| format!("no line is one of {beginnings:?}"))
-            }
-            Wanted::No(beginning) => (count(beginning) > 0).then(|| format!("{beginning:?} comes")),
-            Wanted::Resets(times) => {
-                let resets = session.resets()[self.marks.resets..].iter();
-                let causes: Vec<_> = resets.map(|reset| format!("{:?}", reset.cause)).collect();
-                (causes.len() != *times).then(|| format!("resets: {causes:?} instead of {times}"))
-            }
-            Wanted::Erased(count) => {
-                let erased = self.watch.erased - self.marks.erased;
-                (erased != *count)
-                    .then(|| format!("{erased} sectors are erased instead of {count}"))
-            }
-            Wanted::NoStep => {
-                (!steps.is_empty()).then(|| format!("{} steps are made", steps.len()))
-            }
-            Wanted::CoreMhz(mhz) => {
-                let hz = session.board_mut().chip.frequencies()[0];
-                (hz != mhz * 1_000_000)
-                    .then(|| format!("the core runs at {hz} Hz instead of {mhz} MHz"))
-            }
-            Wanted::Position => self.misplaced(lines),
-            Wanted::Active(name) => {
-                let mut switchings = self.world.switchings[self.marks.switchings..].iter();
-                let was_active = switchings.any(|(_, of, is_active)| of == name && *is_active);
-                (!was_active).then(|| format!("{name} is not switched on"))
-            }
-            Wanted::Steps(events) => match job::difference(steps, events) {
-                Ok(difference) => difference,
-                Err(error) => Some(format!("{error:#}")),
-            },
-        };
-        if let Some(fault) = fault {
-            self.watch.fault(fault, None);
-        }
-    }
-
-    /// What the last report says of X is not where its motor is.
-    fn misplaced(&self, lines: &[String]) -> Option<String> {
-        let position = self.world.position(0)?;
-        let reported = lines.iter().rev().find_map(|line| {
-            let (_, rest) = line.split_once("|MPos:")?;
-            rest.split(',').next()?.parse::<f64>().ok()
-        });
-        let reported = reported.map(|mm| (mm * crate::rehearsal::STEPS_PER_MM).round() as i32);
-        (reported != Some(position))
-            .then(|| format!("X is at step {position} and reported at {reported:?}"))
-    }
-
     fn marks_now(&self) -> Marks {
         Marks {
             lines: self.lines.len(),
             resets: self.resets,
             steps: self.world.steps.len(),
             switchings: self.world.switchings.len(),
+            energised: self.world.energised,
             words: self.watch.words,
             erased: self.watch.erased,
             at_ns: self.now.0,
@@ -509,6 +484,8 @@ impl Run {
             let message = format!("{} does not come; the last line is {last:?}", act.awaited());
             self.watch.fault(message, None);
             is_silent = self.lines.len() == self.marks.lines;
+        } else {
+            self.watch.fault("the chip is reset again and again", None);
         }
         while !matches!(
             self.script.front(),

@@ -10,12 +10,14 @@ use crate::{chip::Fitted, world::Closes};
 /// left out.
 #[derive(Debug, Clone)]
 pub(crate) enum Act {
-    /// A part begins, of which is told at its end ...
+    /// A part of the report begins.
     Part(&'static str),
-    /// ... and a case of it: the supply is switched on.
+    /// A case of the part begins: the supply is switched on.
     Case(String, PowerUp),
-    /// A line is sent; it is answered with `ok` or an error.
+    /// A line is sent; it is answered with `ok`.
     Line(String),
+    /// A line is sent; it is answered with an error.
+    Refused(&'static str),
     /// Lines are sent as long as the receive buffer has room; all are answered.
     Stream(Vec<String>),
     /// Bytes are sent; nothing is waited for.
@@ -40,12 +42,27 @@ pub(crate) enum Act {
     Hang,
     /// The reset pin is pulled.
     Reset,
-    /// The supply is cut once the firmware has stored so many words from here on: nothing is stored any more.
-    CutAfter(usize),
+    /// What is stored from the beginning of the case on is counted.
+    CountStored,
+    /// The supply is cut once a part of that has been stored from here on: nothing is stored any more.
+    CutAfter(Cut),
+    /// The settings that were listed in this case are remembered.
+    Remember,
     /// The registers are compared with the board's file.
     Compare,
     /// What must have come in this case.
     Want(Wanted),
+}
+
+/// A part of what is stored, in words, of an EEPROM in bytes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Cut {
+    /// So many.
+    After(usize),
+    /// The half.
+    Half,
+    /// All but so many.
+    Before(usize),
 }
 
 /// What is found when the supply is switched on.
@@ -84,8 +101,14 @@ pub(crate) enum Wanted {
     OneOf(&'static [&'static str]),
     /// No line that begins with this.
     No(&'static str),
-    /// So many resets of the chip.
-    Resets(usize),
+    /// Resets of the chip by these causes.
+    Resets(&'static [&'static str]),
+    /// The settings that are listed are those that were remembered, but one.
+    Remembered(&'static str),
+    /// The supply was cut.
+    Cut,
+    /// So many steps of each axis, or some of motors that are driven by phases.
+    Moved(usize),
     /// So many sectors that are erased.
     Erased(usize),
     /// No step.
@@ -96,6 +119,10 @@ pub(crate) enum Wanted {
     Position,
     /// An output was active.
     Active(&'static str),
+    /// It was not when the chip was reset last, nor is it now.
+    Inactive(&'static str),
+    /// The share of time for which the PWM is high is more than none.
+    PwmOn,
     /// The steps are those of a file of step events.
     Steps(PathBuf),
 }
@@ -103,6 +130,22 @@ pub(crate) enum Wanted {
 impl Act {
     pub(crate) fn line(text: &str) -> Self {
         Self::Line(text.to_owned())
+    }
+
+    /// Whether something has to come before the next.
+    pub(crate) fn is_awaited(&self) -> bool {
+        matches!(
+            self,
+            Self::Line(_)
+                | Self::Refused(_)
+                | Self::Stream(_)
+                | Self::StopCrystal
+                | Self::Compare
+                | Self::Hang
+                | Self::Await(_)
+                | Self::State(_)
+                | Self::Rest(_)
+        )
     }
 
     /// How long it may take, virtual ms.
@@ -118,7 +161,8 @@ impl Act {
     /// What is waited for.
     pub(crate) fn awaited(&self) -> String {
         match self {
-            Self::Line(line) => format!("the answer to {line}"),
+            Self::Line(line) => format!("`ok` to {line}"),
+            Self::Refused(line) => format!("an error to {line}"),
             Self::Stream(lines) => format!("the answer to one of {} lines", lines.len()),
             Self::Await(line) => format!("{line:?}"),
             Self::State(state) => format!("the state {state}"),

@@ -19,7 +19,9 @@ const PLLON: u64 = 1 << 24;
 const LOCK: u64 = 1 << 31;
 /// `PG`, `SER` and `STRT`.
 const PROTECTED: u64 = 0x1_0003;
+/// The keys of `FLASH_KEYR`: RM0090 3.6.1.
 const KEYS: [u64; 2] = [0x4567_0123, 0xCDEF_89AB];
+/// Keys of the watchdog: RM0090 21.4.1.
 const WATCHDOG_START: u64 = 0xCCCC;
 const WATCHDOG_FEED: u64 = 0xAAAA;
 /// How long the firmware may leave the watchdog unfed, ms: `src/board/watchdog.rs`.
@@ -33,9 +35,12 @@ const HSI_MHZ: f64 = 16.0;
 pub(crate) struct Watch {
     /// The crystal that is there, MHz.
     pub(crate) crystal_mhz: f64,
+    /// `RCC_CR` and `RCC_PLLCFGR`, as they were written last.
     control: u64,
     pll: u64,
+    /// The last two words written to `FLASH_KEYR`.
     keys: [u64; 2],
+    /// `LOCK` of `FLASH_CR`.
     is_locked: bool,
     fed_at: Option<VirtualNanos>,
     /// The supply is too low for the flash.
@@ -208,6 +213,18 @@ impl Watch {
                 if self.is_supply_low {
                     self.fault("flash is programmed while the supply is too low", by);
                 }
+            }
+            Change::OtherSize(address) => {
+                self.fault(
+                    format!("{address:#x} is stored to with another PSIZE in FLASH_CR"),
+                    by,
+                );
+            }
+            Change::Sets(address) => {
+                self.fault(
+                    format!("{address:#x} is programmed twice, with bits that are to be set"),
+                    by,
+                );
             }
             Change::NotEnabled(address) => {
                 self.fault(

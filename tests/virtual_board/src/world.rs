@@ -63,8 +63,8 @@ pub(crate) struct World {
     /// The coils of each motor that is driven by phases, and which are energised.
     coils: Vec<([Pin; 4], u8)>,
     pub(crate) steps: Vec<Step>,
-    /// Which coils are energised of an axis, at each change.
-    pub(crate) energised: Vec<(usize, u8)>,
+    /// How often the energised coils of a motor have changed: a motor that is driven by phases moves then.
+    pub(crate) energised: usize,
     contacts: Vec<Contact>,
     eeprom: Option<Eeprom>,
     /// The EEPROM, where it is taken away.
@@ -118,7 +118,7 @@ impl World {
             motors: first.chain(second).collect(),
             coils: wiring.phases.iter().map(|&pins| (pins, 0)).collect(),
             steps: Vec::new(),
-            energised: Vec::new(),
+            energised: 0,
             contacts: contacts.collect(),
             eeprom: eeprom.map(|pins| Eeprom::new(pins.is_small)),
             missing_eeprom: None,
@@ -147,7 +147,7 @@ impl World {
                 self.take(edge, chip);
             }
             self.edges = edges;
-            self.look_at_coils();
+            self.look_at_coils(chip);
         }
     }
 
@@ -263,6 +263,46 @@ impl World {
         }
     }
 
+    /// Bytes that the EEPROM has written.
+    pub(crate) fn eeprom_written(&self) -> usize {
+        self.eeprom.as_ref().map_or(0, |eeprom| eeprom.written)
+    }
+
+    /// Whether the EEPROM has written what it may.
+    pub(crate) fn is_cut(&self) -> bool {
+        let eeprom = self.eeprom.as_ref();
+        eeprom.is_some_and(|eeprom| eeprom.written >= eeprom.cut_after)
+    }
+
+    /// Which motors have not made so many steps since a time: motors that are driven by phases have none, and must have
+    /// moved.
+    pub(crate) fn not_moved(&self, from: usize, energised: usize, count: usize) -> Option<String> {
+        if !self.coils.is_empty() {
+            let is_still = self.energised == energised;
+            return is_still.then(|| "no motor has moved".into());
+        }
+        let steps = |axis: usize| {
+            let steps = self.steps[from..].iter();
+            steps
+                .filter(|step| step.axis == axis && step.is_forward)
+                .count()
+        };
+        let motors = self.motors.iter().map(|motor| motor.axis);
+        let wrong: Vec<_> = motors
+            .filter(|axis| steps(*axis) != count)
+            .map(|axis| format!("{} {}", name_of_axis(axis), steps(axis)))
+            .collect();
+        (!wrong.is_empty())
+            .then(|| format!("steps are not {count} of each axis: {}", wrong.join(", ")))
+    }
+
+    /// Forgets what was recorded.
+    pub(crate) fn forget(&mut self) {
+        self.steps.clear();
+        self.switchings.clear();
+        self.unsafe_outputs.clear();
+    }
+
     /// The EEPROM writes so many bytes, and no more until the supply has been off.
     pub(crate) fn cut_after(&mut self, bytes: usize) {
         if let Some(eeprom) = &mut self.eeprom {
@@ -328,17 +368,24 @@ impl World {
         chip.hold(edge.at, data, Some(Level::from(!pulls)));
     }
 
-    /// Records which coils are energised where that has changed.
-    fn look_at_coils(&mut self) {
+    /// Counts changes of the coils that are energised.
+    fn look_at_coils(&mut self, chip: &mut Chip) {
         for axis in 0..self.coils.len() {
             let (pins, before) = self.coils[axis];
             let mut now = 0;
             for (bit, &pin) in pins.iter().enumerate() {
-                now |= u8::from(self.level(pin) == Level::High) << bit;
+                let is_high = self.level(pin) == Level::High && is_output(chip, pin);
+                now |= u8::from(is_high) << bit;
             }
-            if now != before {
-                self.coils[axis].1 = now;
-                self.energised.push((axis, now));
+            self.coils[axis].1 = now;
+            if now == before || now == 0 {
+                continue;
+            }
+            self.energised += 1;
+            if !self.is_greeted {
+                let axis = name_of_axis(axis);
+                let message = format!("a coil of {axis} is energised before the greeting");
+                self.unsafe_outputs.push(message);
             }
         }
     }

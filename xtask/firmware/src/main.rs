@@ -1,4 +1,4 @@
-//! `cargo xtask build`, `size` and `board`: the firmware, as an ELF file for each board.
+//! `cargo xtask build`, `size`, `board` and `rehearse`: the firmware of each board, as an ELF file and on a virtual board.
 
 mod board;
 mod size;

@@ -7,11 +7,11 @@ use std::{
 };
 
 use crate::{
-    boards::{Board, compile, rates},
+    boards::{Board, compile, layout, rates},
     card, image,
 };
 use anyhow::{Context, Result, bail, ensure};
-use common::{cargo, tools};
+use common::{cargo, tools, ui};
 
 /// The program that every board runs, and a homing cycle with short axes: its file, its settings, what the simulator is
 /// asked for beside them.
@@ -32,6 +32,8 @@ pub struct Options<'a> {
 
 /// Rehearses a board with as many axes as were asked for; returns what it did, a line for each part.
 pub fn rehearse(board: &Board, options: Options<'_>) -> Result<String> {
+    // The simulator's, before anything is asked of it.
+    cargo::ask_for_clock(board.chip.clocks.core_mhz);
     let (elf, mut command) = virtual_board(board, options.into)?;
     if let Some(file) = card::write(board, &elf)? {
         command.arg("--file").arg(file);
@@ -73,12 +75,16 @@ pub fn served(board: &Board, address: &str, switches: Option<&str>) -> Result<Co
 fn virtual_board(board: &Board, into: &Path) -> Result<(PathBuf, Command)> {
     let axes = cargo::axes();
     let mut firmware = compile::image_in(into, board, &[])?;
+    layout::check(board, &firmware)?;
     let rates = rates::read()?;
-    let rate = rates
-        .get(&board.name)
-        .and_then(|of| of.get(usize::from(axes) - 3));
-    if let Some(&hz) = rate {
-        image::write(&mut firmware, hz)?;
+    // A file elsewhere may have the name of one of the project's.
+    let is_own = board.file == board_data::Board::path(&board.name, cargo::root());
+    let rate = rates.get(&board.name).filter(|_| is_own);
+    match rate.and_then(|of| of.get(usize::from(axes) - 3)) {
+        Some(&hz) => image::write(&mut firmware, hz)?,
+        None => ui::warning(
+            "no proven step rate is known: the firmware keeps to 30 000 steps per second",
+        ),
     }
     let elf = compile::place(board, "-rehearsed");
     compile::replace(&elf, &firmware)?;
@@ -98,7 +104,6 @@ fn jobs(board: &Board, folder: &Path) -> Result<Vec<String>> {
     if axes != 3 || wiring.step.is_empty() {
         return Ok(Vec::new());
     }
-    cargo::ask_for_clock(board.chip.clocks.core_mhz);
     fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let program = cargo::root().join(PROGRAM);
     let mut jobs = vec![job(&program, &folder.join("program.csv"), &[], &[])?];

@@ -99,8 +99,8 @@ pub enum Subject {
 /// Test what needs no hardware
 ///
 /// What a change breaks most often, in a few minutes: formatting, unit tests, host tests, documents, the answers of Grbl,
-/// the firmware with its layout, its proof and its start, and the firmware over its serial line in QEMU, which is skipped
-/// without QEMU. Goes on after a failure and lists what failed. Asks rustup for what rustup can give.
+/// the firmware's proof and the room that it leaves in the flash, and the firmware over its serial line in QEMU, which is
+/// skipped without QEMU. Goes on after a failure and lists what failed. Asks rustup for what rustup can give.
 #[derive(Debug, clap::Args)]
 pub struct Test {
     /// Only the checks whose names contain this, also those of --rest; a whole name is that check alone
@@ -110,14 +110,14 @@ pub struct Test {
     #[arg(long)]
     pub all: bool,
     /// Only what is not quick: lints, every case of the random tests, the tools, other numbers of axes, other boards and
-    /// their proofs, tests on the emulated processor, random histories and inputs, sender programs
+    /// their proofs, virtual boards, tests on the emulated processor, random histories and inputs, sender programs
     #[arg(long, conflicts_with = "all")]
     pub rest: bool,
     /// List the checks and do nothing
     #[arg(long)]
     pub list: bool,
-    /// Only the sender programs, at the simulator and at the firmware, and the pages in a browser: gets senders with pip
-    /// and npm, and skips what Python, Node or Chromium is missing for
+    /// Only the sender programs, at the simulator, at the firmware in QEMU and at a virtual board, and the pages in a
+    /// browser: gets senders with pip and npm, and skips what Python, Node or Chromium is missing for
     #[arg(long, conflicts_with_all = ["all", "rest"])]
     pub clients: bool,
     /// Instead, insert the faults of `tests/faults.toml` into a copy of the sources, or those whose name contains this,

@@ -46,8 +46,8 @@ pub enum Board {
 
 /// Run the firmware of a board on its virtual chip, for a sender to connect to
 ///
-/// The image that is flashed runs on models of the chip's registers, in the time of the wall clock, until Ctrl-C. Each
-/// run begins with a new board: what is stored is gone with it.
+/// The image that is flashed runs on models of the chip's registers, in real time, until Ctrl-C. Each run begins with a
+/// new board: what is stored is gone with it.
 #[derive(Debug, clap::Args)]
 pub struct BoardRun {
     /// The board
@@ -62,11 +62,11 @@ pub struct BoardRun {
     pub switches: bool,
 }
 
-/// Rehearse the firmware of a board on its virtual chip: all that can be tried without the board
+/// Test the firmware of a board on its virtual chip: all that can be tried without the board
 ///
-/// The image that is flashed runs on models of the chip's registers, from power-up and from whatever bootloaders leave:
-/// registers, pins, settings, power cuts, a wrong crystal, faults in motion, and whole programs whose step edges are those
-/// of the simulator. The first time, the models are compiled, which takes some minutes.
+/// The image that is flashed runs on models of the chip's registers, from power-up and from states in which bootloaders
+/// leave the chip. Tested are registers, pins, settings, power cuts, wrong crystals, faults in motion, and programs, whose
+/// step edges must be those of the simulator. The first time, the models are compiled, which takes some minutes.
 #[derive(Debug, clap::Args)]
 pub struct Rehearse {
     /// A board's name, or the path of a file
@@ -75,18 +75,18 @@ pub struct Rehearse {
     /// Every board of the project with each number of axes
     #[arg(long, conflicts_with = "board")]
     pub all: bool,
-    /// Only what matters most, without the programs
+    /// Without the programs, with one state of bootloaders and one power cut
     #[arg(long)]
     pub short: bool,
     /// Show every line from the firmware, with the board's time in ms and where X is in steps
-    #[arg(long)]
+    #[arg(long, conflicts_with = "all")]
     pub lines: bool,
     /// Instead, insert the faults of `tests/virtual_board/faults.toml` into a copy of the sources, or those whose name contains
     /// this, and look whether the rehearsal names each
     #[arg(long, value_name = "FAULT", num_args = 0..=1, default_missing_value = "", conflicts_with_all = ["board", "all", "short", "lines"])]
     pub faults: Option<String>,
     /// Where Cargo builds the firmware
-    #[arg(long, hide = true)]
+    #[arg(long, hide = true, conflicts_with = "all")]
     pub into: Option<PathBuf>,
 }
 
@@ -159,7 +159,7 @@ pub struct Run {
     pub arguments: Vec<String>,
 }
 
-/// Build the firmware of a board, and look what it leaves free of the flash
+/// Build the firmware of a board, and measure how much flash it leaves free
 #[derive(Debug, clap::Args)]
 pub struct Room {
     /// The board

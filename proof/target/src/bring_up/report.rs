@@ -103,7 +103,7 @@ impl Report {
             escaped(&self.summary())
         );
         if self.is_emulated {
-            page += "<p>By the emulator: no chip has been measured.</p>\n";
+            page += "<p>By a model: no chip has been measured.</p>\n";
         }
         for check in &self.checks {
             let verdict = check.verdict();

@@ -24,12 +24,12 @@ pub(crate) fn run(name: &str) -> Result<ExitCode> {
         "no fault of {TABLE} has that in its name"
     );
     for fault in sought {
-        let message = message(&copy, fault).with_context(|| fault.name.clone())?;
-        let line = message.as_deref().and_then(|message| {
-            let named = fault.message.as_deref().unwrap_or_default();
-            message.lines().find(|line| line.contains(named))
-        });
-        match (message.is_some(), line) {
+        let named = fault.message.as_deref();
+        let named = named.with_context(|| format!("{}: no message", fault.name))?;
+        let output = rehearse(&copy, fault).with_context(|| fault.name.clone())?;
+        let mut lines = output.iter().flat_map(|output| output.lines());
+        let line = lines.find(|line| line.contains(named));
+        match (output.is_some(), line) {
             (_, Some(line)) => ui::status("Found", &format!("{}: {}", fault.name, line.trim())),
             (true, None) => ui::status("Unnamed", &fault.name),
             (false, None) => ui::status("Missed", &fault.name),
@@ -45,7 +45,7 @@ pub(crate) fn run(name: &str) -> Result<ExitCode> {
 }
 
 /// What the rehearsal of a board with a fault says, if it fails.
-fn message(copy: &Sources, fault: &Fault) -> Result<Option<String>> {
+fn rehearse(copy: &Sources, fault: &Fault) -> Result<Option<String>> {
     copy.insert(fault)?;
     let board = fault.board.as_deref().unwrap_or(BOARD);
     copy.build(&["build", "--package=xtask"])?;

@@ -4,6 +4,8 @@
 //! An erasure is over after some ms, not after the seconds of the data sheets: while the firmware looks at `BSY`, 100 ms
 //! of the board's time take a second of the host's.
 
+use std::collections::BTreeMap;
+
 use board_data::Board;
 use rigless::{
     device::{Device, DeviceContext, RegisterFile},
@@ -31,6 +33,10 @@ pub(crate) enum Change {
     Programmed(u64, u64),
     /// A store without `PG`, which changes nothing and is an error.
     NotEnabled(u64),
+    /// A store of another width than `PSIZE` says, which changes nothing and is an error: RM0090 3.6.2.
+    OtherSize(u64),
+    /// A store that would set a bit which a store before has cleared: RM0090 3.6.4.
+    Sets(u64),
 }
 
 /// The registers and the array.
@@ -38,6 +44,8 @@ pub(crate) enum Change {
 pub(crate) struct FlashWithArray {
     pub(super) registers: Flash,
     sectors: Vec<(u64, u64)>,
+    /// What was programmed since an erasure, by address.
+    programmed: BTreeMap<u64, u64>,
     /// What has been done and nobody has looked at.
     pub(crate) changes: Vec<Change>,
     /// The supply has been cut: nothing changes any more.
@@ -53,11 +61,40 @@ impl FlashWithArray {
         Self {
             registers: Flash::with_clock(rcc::HSI_HZ),
             sectors: memory::sectors(board),
+            programmed: BTreeMap::new(),
             changes: Vec::new(),
             is_cut: false,
             erase_ns: ERASE_NS,
             erased: None,
         }
+    }
+
+    /// Bytes are erased, or hold what nobody knows here.
+    pub(crate) fn forget(&mut self, start: u64, bytes: u64) {
+        self.programmed
+            .retain(|address, _| !(start..start + bytes).contains(address));
+    }
+
+    /// Programs a word, or says why the chip does not.
+    fn store(
+        &mut self,
+        address: u64,
+        width: Width,
+        value: u64,
+        control: u64,
+    ) -> Result<u64, Change> {
+        if !cr::PG.is_set(control) {
+            return Err(Change::NotEnabled(address));
+        }
+        if u64::from(width.bytes()) != 1 << cr::PSIZE.get(control) {
+            return Err(Change::OtherSize(address));
+        }
+        let before = self.programmed.get(&address).copied().unwrap_or(u64::MAX);
+        if value & !before != 0 {
+            return Err(Change::Sets(address));
+        }
+        self.programmed.insert(address, value);
+        Ok(value)
     }
 
     /// Erases a sector; the registers are unlocked.
@@ -78,6 +115,7 @@ impl FlashWithArray {
         self.erased = Some(context.schedule(VirtualNanos(context.now().0 + self.erase_ns)));
         if !self.is_cut {
             self.changes.push(Change::Erased(start, bytes));
+            self.forget(start, bytes);
             for address in (start..start + bytes).step_by(4) {
                 context.program(address, Width::W32, 0xFFFF_FFFF, 0);
             }
@@ -143,12 +181,20 @@ impl Device for FlashWithArray {
         if self.is_cut {
             return true;
         }
-        if cr::PG.is_set(registers.get(Register::Cr)) {
-            let bytes = u64::from(width.bytes());
-            self.changes.push(Change::Programmed(address, bytes));
-            context.program(address, width, value, 0);
-        } else {
-            self.changes.push(Change::NotEnabled(address));
+        match self.store(address, width, value, registers.get(Register::Cr)) {
+            Ok(word) => {
+                let bytes = u64::from(width.bytes());
+                self.changes.push(Change::Programmed(address, bytes));
+                context.program(address, width, word, 0);
+            }
+            Err(refused) => {
+                self.changes.push(refused);
+                let flag = match refused {
+                    Change::OtherSize(_) => sr::PGPERR,
+                    _ => sr::PGSERR,
+                };
+                registers.set(Register::Sr, flag.set(registers.get(Register::Sr), 1));
+            }
         }
         true
     }

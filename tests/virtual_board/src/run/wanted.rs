@@ -1,0 +1,113 @@
+//! What a script wants, compared with what a run has shown.
+
+use rigless::session::Session;
+
+use super::Run;
+use crate::{compare, job, machine::Machine, rehearsal::STEPS_PER_MM, script::Wanted};
+
+impl Run {
+    /// Looks whether something is as it should be.
+    pub(super) fn compare(&mut self, wanted: &Wanted, session: &mut Session<Machine>) {
+        let fault = match wanted {
+            Wanted::Lines(beginning, times) => {
+                let count = self.count(beginning);
+                (count != *times)
+                    .then(|| format!("{beginning:?} comes {count} times instead of {times}"))
+            }
+            Wanted::OneOf(beginnings) => {
+                let is_there = beginnings.iter().any(|it| self.count(it) > 0);
+                (!is_there).then(|| format!("no line is one of {beginnings:?}"))
+            }
+            Wanted::No(beginning) => {
+                (self.count(beginning) > 0).then(|| format!("{beginning:?} comes"))
+            }
+            Wanted::Position => self.misplaced(),
+            Wanted::Remembered(but) => self.other_settings(but),
+            Wanted::Resets(wanted) => self.other_resets(wanted, session),
+            Wanted::Inactive(name) => self.active_at_reset(name, session),
+            Wanted::Active(name) => {
+                let mut switchings = self.world.switchings[self.marks.switchings..].iter();
+                let was_active = switchings.any(|(_, of, is_active)| of == name && *is_active);
+                (!was_active).then(|| format!("{name} is not switched on"))
+            }
+            Wanted::Moved(count) => {
+                self.world
+                    .not_moved(self.marks.steps, self.marks.energised, *count)
+            }
+            Wanted::NoStep => {
+                let steps = self.world.steps.len() - self.marks.steps;
+                let count = steps + self.world.energised - self.marks.energised;
+                (count != 0).then(|| format!("{count} steps are made"))
+            }
+            Wanted::Steps(events) => {
+                let steps = &self.world.steps[self.marks.steps..];
+                job::difference(steps, events).unwrap_or_else(|error| Some(format!("{error:#}")))
+            }
+            Wanted::PwmOn => compare::is_pwm_off(&self.bench, session.board_mut())
+                .then(|| "the PWM is off while the spindle is on".into()),
+            Wanted::Cut => {
+                let is_cut = session.board_mut().chip.flash.is_cut || self.world.is_cut();
+                (!is_cut).then(|| "the supply is not cut: less is stored than before".into())
+            }
+            Wanted::Erased(count) => {
+                let erased = self.watch.erased - self.marks.erased;
+                (erased != *count)
+                    .then(|| format!("{erased} sectors are erased instead of {count}"))
+            }
+            Wanted::CoreMhz(mhz) => {
+                let hz = session.board_mut().chip.frequencies()[0];
+                (hz != mhz * 1_000_000)
+                    .then(|| format!("the core runs at {hz} Hz instead of {mhz} MHz"))
+            }
+        };
+        if let Some(fault) = fault {
+            self.watch.fault(fault, None);
+        }
+    }
+
+    /// Lines of this case with a beginning.
+    fn count(&self, beginning: &str) -> usize {
+        let lines = self.lines[self.marks.lines..].iter();
+        lines.filter(|line| line.starts_with(beginning)).count()
+    }
+
+    fn other_settings(&self, but: &str) -> Option<String> {
+        let but_one = |mut all: Vec<String>| {
+            all.retain(|line| !line.starts_with(but));
+            all
+        };
+        let is_same = but_one(self.settings_listed()) == but_one(self.remembered.clone());
+        (!is_same).then(|| format!("other settings than {but} have changed"))
+    }
+
+    fn other_resets(&self, wanted: &[&str], session: &Session<Machine>) -> Option<String> {
+        let resets = session.resets()[self.marks.resets..].iter();
+        let causes: Vec<_> = resets.map(|reset| format!("{:?}", reset.cause)).collect();
+        let mut pairs = causes.iter().zip(wanted);
+        let is_right = causes.len() == wanted.len() && pairs.all(|(cause, of)| cause.contains(of));
+        (!is_right).then(|| format!("resets: {causes:?} instead of {wanted:?}"))
+    }
+
+    fn active_at_reset(&self, name: &str, session: &Session<Machine>) -> Option<String> {
+        let reset = session.resets().last().map_or(u64::MAX, |reset| reset.at.0);
+        let switchings = self.world.switchings[self.marks.switchings..].iter();
+        let mut before = switchings.filter(|(at, of, _)| of == name && at.0 < reset);
+        let is_on = before
+            .next_back()
+            .is_none_or(|(_, _, is_active)| *is_active);
+        is_on.then(|| format!("{name} is on when the chip is reset"))
+    }
+
+    /// What the last report says of X is not where its motor is.
+    fn misplaced(&self) -> Option<String> {
+        let position = self.world.position(0)?;
+        let lines = self.lines[self.marks.lines..].iter();
+        let reported = lines.rev().find_map(|line| {
+            let (_, rest) = line.split_once("|MPos:")?;
+            rest.split(',').next()?.parse::<f64>().ok()
+        });
+        let reported = reported.map(|mm| (mm * STEPS_PER_MM).round() as i32);
+        (reported != Some(position))
+            .then(|| format!("X is at step {position} and reported at {reported:?}"))
+    }
+}
