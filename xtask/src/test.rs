@@ -308,9 +308,8 @@ fn with_features() -> impl Iterator<Item = Check> {
 /// one with a bootloader, one with a large and one with a small EEPROM, one whose motors are driven by phases, one at
 /// 96 MHz. `cargo xtask board check --all --prove` looks at all boards.
 const LINTED: [&str; 2] = [SHOWN, PHASES];
-const PROVEN: [&str; 7] = [
+const PROVEN: [&str; 6] = [
     SHOWN,
-    "nucleo-f446re",
     "flexi-hal",
     "fysetc-s6-2",
     "btt-skr-2",
