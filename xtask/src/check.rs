@@ -65,7 +65,7 @@ pub fn is_check() -> bool {
 }
 
 /// Makes a tool that a command starts a check.
-pub fn ask(command: &mut Command) -> &mut Command {
+pub fn as_check(command: &mut Command) -> &mut Command {
     command.env(VARIABLE, "1")
 }
 
@@ -97,7 +97,7 @@ pub fn with_variable<A: AsRef<OsStr>>(
 }
 
 fn verdict_of(tool: Tool, command: &mut Command) -> Result<Verdict> {
-    let output = ask(command)
+    let output = as_check(command)
         .stderr(Stdio::inherit())
         .output()
         .with_context(|| format!("cannot start {}", tool.name))?;

@@ -65,7 +65,7 @@ fn check(options: &Options) -> Result<ExitCode> {
         }
     }
     if options.all || options.prove {
-        is_right &= each(&boards, &["room"])?;
+        is_right &= with_each_firmware(&boards, &["room"])?;
     }
     Ok(if is_right {
         ExitCode::SUCCESS
@@ -156,7 +156,7 @@ pub(crate) fn rehearse(options: &Rehearse) -> Result<ExitCode> {
         let mut arguments = vec!["rehearse"];
         arguments.extend(options.short.then_some("--short"));
         arguments.push("--board");
-        let is_right = each(&firmware::boards::all()?, &arguments)?;
+        let is_right = with_each_firmware(&firmware::boards::all()?, &arguments)?;
         return Ok(if is_right {
             ExitCode::SUCCESS
         } else {
@@ -188,7 +188,7 @@ pub(crate) fn rehearse(options: &Rehearse) -> Result<ExitCode> {
 
 /// Has something done with the firmware of boards with each number of axes. Two chips run at a time, each in its own
 /// folder; the firmwares of a chip run one after the other. Returns false where one fails.
-fn each(boards: &[Board], arguments: &[&str]) -> Result<bool> {
+fn with_each_firmware(boards: &[Board], arguments: &[&str]) -> Result<bool> {
     let mut by_chip: BTreeMap<&str, Vec<&Board>> = BTreeMap::new();
     for board in boards {
         by_chip.entry(&board.chip.hal).or_default().push(board);
@@ -201,7 +201,7 @@ fn each(boards: &[Board], arguments: &[&str]) -> Result<bool> {
         while let Some(boards) = next() {
             for board in boards {
                 for axes in 3..=board.most_axes() {
-                    is_right &= one(board, axes, into, arguments)?;
+                    is_right &= with_firmware(board, axes, into, arguments)?;
                 }
             }
         }
@@ -218,13 +218,13 @@ fn each(boards: &[Board], arguments: &[&str]) -> Result<bool> {
 }
 
 /// Has something done with one firmware, and prints what became of it.
-fn one(board: &Board, axes: usize, into: &Path, arguments: &[&str]) -> Result<bool> {
+fn with_firmware(board: &Board, axes: usize, into: &Path, arguments: &[&str]) -> Result<bool> {
     let axes = u8::try_from(axes).context("a machine has six axes at most")?;
     let mut command = tools::command_for(tools::FIRMWARE, axes)?;
     command.args(arguments).arg(board.argument());
     command.arg("--into").arg(into);
     command.env(cargo::AXES, axes.to_string());
-    let output = check::ask(&mut command).output()?;
+    let output = check::as_check(&mut command).output()?;
     // A check prints its verdict; a fault of the tool itself is elsewhere.
     let texts = [output.stdout, output.stderr].map(|it| String::from_utf8_lossy(&it).into_owned());
     let mut texts = texts.iter().map(|text| text.trim_end());

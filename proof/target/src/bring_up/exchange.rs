@@ -5,13 +5,16 @@
 use std::{
     io::{ErrorKind, Read, Write},
     iter, thread,
+    time::Instant,
 };
 
 use anyhow::{Context, Result, ensure};
+use common::ui;
 
 use super::{
     facts::Facts,
     sequence::{BURST, BURSTS, FROM_BOARD, Sequence, TO_BOARD},
+    stream,
 };
 
 /// Says that what the board sends from there on are answers.
@@ -58,6 +61,23 @@ fn receive_until(from: &mut dyn Read, mark: &[u8]) -> Result<String> {
         received.push(byte[0]);
     }
     Ok(String::from_utf8_lossy(&received).into_owned())
+}
+
+/// Reads the messages of the board, then exchanges all bytes with it.
+pub(super) fn exchange_all(
+    from: &mut (impl Read + Send),
+    to: &mut (impl Write + Send),
+    facts: &mut Facts,
+) -> Result<()> {
+    listen(from, facts)?;
+    ui::status("Exchanging", "bytes over the serial line");
+    let bytes = facts.get("serial.expected").unwrap_or_default();
+    exchange(from, &mut *to, bytes, facts)?;
+    let bytes = facts.get("stream.expected").unwrap_or_default();
+    let start = Instant::now();
+    stream::receive(from, &mut *to, || start.elapsed(), bytes, facts)?;
+    ui::status("Erasing", "a sector of the flash while bytes come");
+    send_bursts(from, to)
 }
 
 /// Sends so many bytes and counts what comes back, until everything has or nothing comes any more.

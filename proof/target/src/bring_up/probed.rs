@@ -38,9 +38,8 @@ mod with_probe {
     use super::{Board, Facts, Path, Result};
     use crate::{
         bring_up::{
-            exchange::{exchange, listen, send_bursts},
+            exchange::exchange_all,
             facts::{BEGIN, END, READY, take_until},
-            stream,
         },
         flash, latency,
     };
@@ -89,17 +88,9 @@ mod with_probe {
         let Some(port) = port else {
             return Ok(facts);
         };
-        ui::status("Exchanging", "bytes over the serial port");
         let mut to = port.try_clone().context("the port cannot be shared")?;
         let mut from = Port(port);
-        listen(&mut from, &mut facts)?;
-        let bytes = facts.get("serial.expected").unwrap_or_default();
-        exchange(&mut from, &mut to, bytes, &mut facts)?;
-        let bytes = facts.get("stream.expected").unwrap_or_default();
-        let start = Instant::now();
-        stream::receive(&mut from, &mut to, || start.elapsed(), bytes, &mut facts)?;
-        ui::status("Erasing", "a sector of the flash while bytes come");
-        send_bursts(&mut from, &mut to)?;
+        exchange_all(&mut from, &mut to, &mut facts)?;
         facts.read(&output.take(&mut core, END)?)?;
         Ok(facts)
     }

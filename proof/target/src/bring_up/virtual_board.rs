@@ -4,7 +4,7 @@ use std::{
     io::{BufRead, BufReader, Read},
     net::TcpStream,
     process::{Child, Stdio},
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use anyhow::{Context, Result, bail};
@@ -12,9 +12,8 @@ use common::{cargo, tools, ui};
 use firmware::boards::Board;
 
 use super::{
-    exchange::{exchange, listen, send_bursts},
+    exchange::exchange_all,
     facts::{BEGIN, END, Facts, READY, take_until},
-    stream,
 };
 
 /// How long the program may say nothing: longer than its scripts and resets take on a slow computer.
@@ -61,15 +60,7 @@ fn measure(board: &Board, process: &mut Child) -> Result<Facts> {
     output.take(BEGIN)?;
     facts.read(&output.take(READY)?)?;
     facts.put("port", 1);
-    listen(&mut from, &mut facts)?;
-    ui::status("Exchanging", "bytes over the wire");
-    let bytes = facts.get("serial.expected").unwrap_or_default();
-    exchange(&mut from, &mut to, bytes, &mut facts)?;
-    let bytes = facts.get("stream.expected").unwrap_or_default();
-    let start = Instant::now();
-    stream::receive(&mut from, &mut to, || start.elapsed(), bytes, &mut facts)?;
-    ui::status("Erasing", "a sector of the flash while bytes come");
-    send_bursts(&mut from, &mut to)?;
+    exchange_all(&mut from, &mut to, &mut facts)?;
     facts.read(&output.take(END)?)?;
     Ok(facts)
 }
