@@ -210,9 +210,15 @@ type FlashRegisters = pac::flash::RegisterBlock;
     reason = "a section in RAM, and memory beside the program"
 )]
 fn poll_program(flash: &FlashRegisters, place: *mut u32) -> [bool; 2] {
-    flash
-        .cr()
-        .write(|w| w.psize().variant(PSIZE::Psize32).pg().set_bit());
+    flash.cr().write(|w| {
+        // The PAC would set the lock, as a reset does.
+        w.lock()
+            .clear_bit()
+            .psize()
+            .variant(PSIZE::Psize32)
+            .pg()
+            .set_bit()
+    });
     // SAFETY: no reference points to the sector.
     unsafe { place.write_volatile(0) };
     poll(flash)
@@ -224,7 +230,7 @@ fn poll_program(flash: &FlashRegisters, place: *mut u32) -> [bool; 2] {
 #[expect(unsafe_code, reason = "a section in RAM")]
 fn poll_erase(flash: &FlashRegisters, sector: u8) -> [bool; 2] {
     flash.cr().write(|w| {
-        w.psize().variant(PSIZE::Psize32);
+        w.lock().clear_bit().psize().variant(PSIZE::Psize32);
         // SAFETY: a sector of this number exists.
         unsafe { w.snb().bits(sector) };
         w.ser().set_bit().strt().set_bit()
