@@ -20,14 +20,14 @@ use rigless::{
 
 use crate::{
     bootloader,
-    chip::Fitted,
-    gaps,
+    chip::FittedParts,
     machine::{Machine, WIRE},
-    place::Program,
-    run::{Outcome, Run, TICK},
+    plant::{Closes, Plant},
+    program::Program,
+    run::{Outcome, Run, STOP_INTERVAL_NS},
     script::Act,
-    wire::Wire,
-    world::{Closes, World},
+    sender::Sender,
+    unmodelled,
 };
 
 /// How long an erasure takes on a board that is served: a sector of 16 KiB takes about as long (data sheets, `t_ERASE16KB`).
@@ -39,8 +39,10 @@ pub(crate) struct Bench {
     pub(crate) board: Board,
     pub(crate) axes: usize,
     pub(crate) program: Program,
-    /// The firmware, and bootloaders.
+    /// The firmware, what the chip's maker has written, and bootloaders.
     pub(crate) images: Vec<Image>,
+    /// The vectors out of a reset: the firmware's, or the bootloaders'.
+    pub(crate) boot: u32,
     /// Every line from the firmware is shown.
     pub(crate) shows_lines: bool,
 }
@@ -93,63 +95,58 @@ impl Bench {
     /// Runs a script. Without the memory protection unit, everything takes half the time.
     pub(crate) fn play(self: &Arc<Self>, script: Vec<Act>, is_protected: bool) -> Result<Outcome> {
         let listener = TcpListener::bind(("127.0.0.1", 0))?;
-        let mut world = World::new(self.wiring()?);
-        let machine = self.machine(&mut world, Box::<Wire>::default(), is_protected)?;
+        let mut plant = Plant::new(self.wiring()?);
+        let machine = self.machine(&mut plant, Box::<Sender>::default(), is_protected)?;
         let mut start = self.start();
         start.debugger = Some(&listener);
-        let mut session = Session::new(machine, 0, VirtualNanos(TICK))?;
-        let run = Run::new(self, script, world, listener.local_addr()?);
+        let mut session = Session::new(machine, 0, VirtualNanos(STOP_INTERVAL_NS))?;
+        let run = Run::new(self, script, plant, listener.local_addr()?);
         run.watch_start(&mut session);
         let finished = emulator::run(session, &start, run)?;
         let mut outcome = finished.driver.outcome;
-        for (fault, by) in gaps::of(&finished.session) {
+        for (fault, by) in unmodelled::of(&finished.session) {
             outcome.faults.entry(fault).or_insert((Vec::new(), by));
         }
         Ok(outcome)
     }
 
-    /// Runs a board in the time of the wall clock, with its wire at a TCP address.
+    /// Runs a board in the time of the wall clock, with its serial line at a TCP address. It has the memory protection
+    /// unit where RTT is served.
     pub(crate) fn serve(
         &self,
         peer: TcpPeer,
         switches: &[(Input, Closes)],
         rtt: Option<&TcpListener>,
     ) -> Result<()> {
-        let mut world = World::new(self.wiring()?);
+        let mut plant = Plant::new(self.wiring()?);
         for &(input, closes) in switches {
-            world.mount(input, closes);
+            plant.mount(input, closes);
         }
-        let mut machine = self.machine(&mut world, Box::new(peer), true)?;
+        let mut machine = self.machine(&mut plant, Box::new(peer), rtt.is_some())?;
         machine.chip.flash.erase_ns = SERVED_ERASE_NS;
-        let session = Session::new(machine, 0, VirtualNanos(TICK))?;
+        let session = Session::new(machine, 0, VirtualNanos(STOP_INTERVAL_NS))?;
         let began = Instant::now();
         let mut start = self.start();
         start.rtt = rtt;
-        emulator::run(session, &start, Served { world, began })?;
+        emulator::run(session, &start, Served { plant, began })?;
         Ok(())
     }
 
     fn start(&self) -> Start<'_> {
         let mut start = Start::new(&self.images);
-        let has_bootloaders = self.images.len() > 1;
-        let vectors = if has_bootloaders {
-            bootloader::PLACE
-        } else {
-            self.vectors()
-        };
-        start.boot = Some(vectors.into());
+        start.boot = Some(self.boot.into());
         start
     }
 
     fn machine(
         &self,
-        world: &mut World,
+        plant: &mut Plant,
         peer: Box<dyn Peer>,
         is_protected: bool,
     ) -> Result<Box<Machine>> {
-        let fitted = Fitted::of(&self.board);
+        let fitted = FittedParts::of(&self.board);
         let mut machine = Machine::new(&self.board, self.wiring()?, fitted, is_protected)?;
-        world.connect(&mut machine.chip);
+        plant.connect(&mut machine.chip);
         machine.attach_host(WIRE, peer);
         Ok(Box::new(machine))
     }
@@ -157,16 +154,16 @@ impl Bench {
 
 /// A board that somebody uses.
 struct Served {
-    world: World,
+    plant: Plant,
     began: Instant,
 }
 
 impl Driver<Machine> for Served {
     fn on_settled(&mut self, session: &mut Session<Machine>, _: &mut dyn Host, _: Settled) {
         let chip = &mut session.board_mut().chip;
-        self.world.follow(chip);
+        self.plant.follow(chip);
         // Nobody asks for it, however long the board runs.
-        self.world.forget();
+        self.plant.forget();
         chip.flash.changes.clear();
     }
 
@@ -180,6 +177,6 @@ impl Driver<Machine> for Served {
         if let Some(ahead) = ahead {
             std::thread::sleep(ahead);
         }
-        Some(VirtualNanos(stop.at.0 + TICK))
+        Some(VirtualNanos(stop.at.0 + STOP_INTERVAL_NS))
     }
 }

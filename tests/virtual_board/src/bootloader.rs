@@ -13,7 +13,7 @@ pub(crate) const MOST_INTERRUPTS: usize = 97;
 /// Vectors of the processor and of the largest chip.
 const VECTORS: usize = 16 + MOST_INTERRUPTS;
 /// Its instructions, behind its vectors and what these lead to.
-const HANDLER: u32 = PLACE + 4 * VECTORS as u32;
+pub(crate) const HANDLER: u32 = PLACE + 4 * VECTORS as u32;
 const ENTRY: u32 = HANDLER + 4;
 /// The RAM that all chips have, at whose end is the bootloader's stack.
 pub(crate) const RAM_START: u32 = 0x2000_0000;

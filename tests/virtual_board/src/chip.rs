@@ -38,9 +38,9 @@ use self::{
 };
 pub(crate) use self::{exti::Edge, flash::Change};
 
-/// What else answers for a slot of the bus than the crate's models.
+/// What answers for a slot of the bus instead of the crate's models.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Own {
+enum Model {
     Exti,
     Flash,
     Syscfg,
@@ -61,8 +61,8 @@ pub(crate) struct Chip {
     timers: SmallTimers,
     capture: Capture,
     slots: Slots,
-    /// Which slots are answered otherwise.
-    own: Vec<Option<Own>>,
+    /// What answers for each slot instead of the crate's models.
+    replaced: Vec<Option<Model>>,
     memory: &'static [Region],
     /// `DBGMCU_IDCODE`.
     id_code: u64,
@@ -85,14 +85,14 @@ struct Slots {
 
 /// What differs from what the board's file says.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Fitted {
+pub(crate) struct FittedParts {
     /// The crystal, Hz; 0: none.
     pub(crate) crystal_hz: u64,
     /// `DEV_ID`, RM0090 38.6.1.
     pub(crate) device: u64,
 }
 
-impl Fitted {
+impl FittedParts {
     /// What the board's file says.
     pub(crate) fn of(board: &Board) -> Self {
         Self {
@@ -107,24 +107,24 @@ const REVISION: u64 = 0x1000_0000;
 
 impl Chip {
     /// The chip of a board, out of a reset.
-    pub(crate) fn new(board: &Board, fitted: Fitted) -> Result<Self> {
+    pub(crate) fn new(board: &Board, fitted: FittedParts) -> Result<Self> {
         let models = Stm32f427::new().context("the crate's own description is wrong")?;
         let bus = models.bus();
-        let mut own = vec![None; bus.slots().len()];
+        let mut replaced = vec![None; bus.slots().len()];
         for instance in absent(board, bus.peripherals()) {
-            own[bus.slot(instance)?] = Some(Own::Absent);
+            replaced[bus.slot(instance)?] = Some(Model::Absent);
         }
         for (instance, answers) in [
-            ("EXTI", Own::Exti),
-            ("SYSCFG", Own::Syscfg),
-            ("FLASH", Own::Flash),
+            ("EXTI", Model::Exti),
+            ("SYSCFG", Model::Syscfg),
+            ("FLASH", Model::Flash),
         ] {
-            own[bus.slot(instance)?] = Some(answers);
+            replaced[bus.slot(instance)?] = Some(answers);
         }
         for (nth, (instance, _)) in timers::CLOCKS.into_iter().enumerate() {
-            own[bus.slot(instance)?].get_or_insert(Own::SmallTimer(nth));
+            replaced[bus.slot(instance)?].get_or_insert(Model::SmallTimer(nth));
         }
-        own[bus.slot("TIM11")?] = Some(Own::Capture);
+        replaced[bus.slot("TIM11")?] = Some(Model::Capture);
         let slots = Slots {
             clocks: bus.slot("RCC")?,
             debug: bus.slot("DBG")?,
@@ -138,7 +138,7 @@ impl Chip {
             timers: SmallTimers::new(),
             capture: Capture::default(),
             slots,
-            own,
+            replaced,
             memory: memory::of(board),
             id_code: REVISION | fitted.device,
             crystal_hz: fitted.crystal_hz,
@@ -197,8 +197,11 @@ impl Chip {
     /// Puts the models on a bus; what the registers of the crate's models hold, and their corrections, come with them.
     fn put_on(&mut self, mut bus: Bus) {
         let old = self.models.bus_mut();
-        for slot in 0..self.own.len() {
-            if matches!(self.own[slot], None | Some(Own::Flash | Own::Absent)) {
+        for slot in 0..self.replaced.len() {
+            if matches!(
+                self.replaced[slot],
+                None | Some(Model::Flash | Model::Absent)
+            ) {
                 let registers = old.slot_mut(slot).registers_mut();
                 std::mem::swap(bus.slot_mut(slot).registers_mut(), registers);
             }
@@ -217,7 +220,7 @@ impl Chip {
     }
 
     /// Fits another crystal, and another chip of the family, from the next reset on.
-    pub(crate) fn fit(&mut self, fitted: Fitted) {
+    pub(crate) fn fit(&mut self, fitted: FittedParts) {
         self.id_code = REVISION | fitted.device;
         self.crystal_hz = fitted.crystal_hz;
         self.models.rcc.attach_crystals(fitted.crystal_hz, 0);
@@ -380,24 +383,24 @@ impl Mcu for Chip {
     }
 
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
-        let Some(own) = self.own.get(slot).copied().flatten() else {
+        let Some(model) = self.replaced.get(slot).copied().flatten() else {
             return self.models.split(slot);
         };
         let bus = self.models.bus_mut();
-        let model: &mut dyn ErasedDevice = match own {
-            Own::Absent => return (bus, None),
-            Own::Exti => {
+        let model: &mut dyn ErasedDevice = match model {
+            Model::Absent => return (bus, None),
+            Model::Exti => {
                 self.exti.sources = exti::sources(bus.slots()[self.slots.syscfg].registers());
                 &mut self.exti
             }
-            Own::Flash => &mut self.flash,
-            Own::Syscfg => &mut self.syscfg,
-            Own::Capture => {
+            Model::Flash => &mut self.flash,
+            Model::Syscfg => &mut self.syscfg,
+            Model::Capture => {
                 let clocks = bus.slots()[self.slots.clocks].registers();
                 self.capture.follow(self.crystal_hz, clocks);
                 &mut self.capture
             }
-            Own::SmallTimer(nth) => self.timers.model(nth),
+            Model::SmallTimer(nth) => self.timers.model(nth),
         };
         (bus, Some(model))
     }

@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use anyhow::{Context as _, Result};
 
-use crate::world::{Step, name_of_axis};
+use crate::plant::{Step, name_of_axis};
 
 /// Compares steps with a file of step events: the time in ns, and the position of each axis behind it. Returns what
 /// differs first.

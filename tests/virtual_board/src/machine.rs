@@ -1,4 +1,4 @@
-//! A board as `rigless` runs it: the chip, and the sender's wire at its serial port.
+//! A board as `rigless` runs it: the chip, and the sender's serial line.
 
 use std::num::{NonZeroU32, NonZeroU64};
 
@@ -15,9 +15,9 @@ use rigless::{
     time::VirtualNanos,
 };
 
-use crate::chip::{Chip, Fitted};
+use crate::chip::{Chip, FittedParts};
 
-/// The name of the wire and of the chip.
+/// The names of the serial line and of the chip.
 pub(crate) const WIRE: &str = "sender";
 const CHIP: &str = "chip";
 /// Bits of a priority: PM0214 4.3.
@@ -40,7 +40,7 @@ impl Machine {
     pub(crate) fn new(
         board: &Board,
         wiring: &Wiring,
-        fitted: Fitted,
+        fitted: FittedParts,
         is_protected: bool,
     ) -> Result<Self> {
         let name = format!("USART{}", wiring.serial.usart);
@@ -63,7 +63,7 @@ impl Machine {
         })
     }
 
-    /// What is at the other end of the wire.
+    /// What is at the other end of the serial line.
     pub(crate) fn peer_mut<P: Peer>(&mut self) -> Option<&mut P> {
         self.chip.models.usart[self.port].chip_mut()
     }

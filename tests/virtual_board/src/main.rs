@@ -8,16 +8,16 @@ mod chip;
 mod compare;
 mod debugger;
 mod eeprom;
-mod gaps;
 mod job;
 mod machine;
-mod place;
+mod plant;
+mod program;
 mod rehearsal;
 mod run;
 mod script;
+mod sender;
+mod unmodelled;
 mod watch;
-mod wire;
-mod world;
 
 use std::{
     net::TcpListener,
@@ -32,9 +32,9 @@ use rigless::{chip::uart::TcpPeer, image::Image};
 
 use crate::{
     bench::Bench,
-    place::{Lines, Program},
+    plant::Closes,
+    program::{Lines, Program},
     rehearsal::Job,
-    world::Closes,
 };
 
 /// What `cargo xtask` passes on.
@@ -49,7 +49,7 @@ struct Options {
     /// Only what matters most.
     is_short: bool,
     shows_lines: bool,
-    /// The address at which the wire is served, and settings by which switches are mounted then.
+    /// The address at which the serial line is served, and settings by which switches are mounted then.
     tcp: Option<String>,
     switches: Option<Vec<String>>,
     /// RTT is served at another one.
@@ -108,11 +108,16 @@ fn run() -> Result<ExitCode> {
         axes: options.axes,
         program: Program::read(&options.elf)?,
         images: Vec::new(),
+        boot: bootloader::PLACE,
         shows_lines: options.shows_lines,
         board,
     };
     if let Some(address) = &options.tcp {
-        bench.images = vec![Image::read(&options.elf, None)?];
+        bench.images = vec![
+            Image::read(&options.elf, None)?,
+            chip::memory::made(&bench.board)?,
+        ];
+        bench.boot = bench.vectors();
         let settings = options.switches.as_deref();
         let switches = settings.map(|it| rehearsal::switches(it, bench.axes));
         serve(
@@ -133,7 +138,7 @@ fn run() -> Result<ExitCode> {
     })
 }
 
-/// Serves a board's wire at an address, until the program is ended.
+/// Serves a board's serial line at an address, until the program is ended.
 fn serve(bench: &Bench, address: &str, switches: &[(Input, Closes)], has_rtt: bool) -> Result<()> {
     let (host, port) = address
         .rsplit_once(':')

@@ -1,5 +1,5 @@
-//! What is wired to a board: motors that follow the steps, switches that follow the motors, a probe, the EEPROM, and a
-//! record of what each output does.
+//! The plant, what is wired to a board: motors that follow the steps, switches that follow the motors, a probe, the
+//! EEPROM, and a record of what each output does.
 
 use board_data::{Input, Pin, SignedPin, Wiring};
 use rigless::{device::Level, time::VirtualNanos};
@@ -55,9 +55,9 @@ struct Switched {
     inactive: Level,
 }
 
-/// The world.
+/// What is wired to a board.
 #[derive(Debug)]
-pub(crate) struct World {
+pub(crate) struct Plant {
     levels: [[Level; 16]; 11],
     motors: Vec<Motor>,
     /// The coils of each motor that is driven by phases, and which are energised.
@@ -81,8 +81,8 @@ pub(crate) struct World {
     edges: Vec<Edge>,
 }
 
-impl World {
-    /// The world of a board, with its EEPROM where it has one.
+impl Plant {
+    /// The plant of a board, with its EEPROM where it has one.
     pub(crate) fn new(wiring: &Wiring) -> Self {
         let first = { wiring.step.iter().zip(&wiring.direction).enumerate() }.map(
             |(axis, (&step, &direction))| Motor {

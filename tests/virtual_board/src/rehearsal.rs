@@ -12,10 +12,10 @@ use rigless::image::Image;
 use crate::{
     bench::Bench,
     bootloader::State,
-    chip::Fitted,
-    place::Lines,
+    chip::{FittedParts, memory},
+    plant::{Closes, name_of_axis},
+    program::Lines,
     script::{Act, Cut, PowerUp, Wanted},
-    world::{Closes, name_of_axis},
 };
 
 /// A program, the settings that it runs with, and the simulator's step events.
@@ -114,8 +114,8 @@ const MOVE_ALL_THE_SAME: &[u8] = b"$X\nG91G1X1F600\n";
 /// The internal oscillator, MHz.
 const HSI_MHZ: u64 = 16;
 
-/// The images that a board is rehearsed with: the firmware, as its ELF file says or as a bootloader takes it, and the
-/// bootloaders.
+/// The images that a board is rehearsed with: the firmware, as its ELF file says or as a bootloader takes it, what the
+/// chip's maker has written, and the bootloaders.
 pub(crate) fn images(bench: &Bench, elf: &Path, file: Option<&Path>) -> Result<Vec<Image>> {
     let vectors = bench.vectors();
     let firmware = match file {
@@ -147,7 +147,8 @@ pub(crate) fn images(bench: &Bench, elf: &Path, file: Option<&Path>) -> Result<V
     let states = STATES.map(|(_, state)| state);
     let crystal_mhz = bench.board.crystal_mhz;
     let bootloaders = crate::bootloader::image(&states, vectors, crystal_mhz, interrupts as u32)?;
-    Ok(vec![firmware, bootloaders])
+    let made = memory::made(&bench.board)?;
+    Ok(vec![firmware, made, bootloaders])
 }
 
 /// Rehearses a board; returns whether nothing is wrong.
@@ -279,6 +280,7 @@ fn everyday(axes: usize, has_limit: bool) -> Vec<Act> {
     }
     script.extend([
         Act::State("Idle"),
+        Act::Compare,
         Act::Want(Wanted::Position),
         Act::Want(Wanted::Resets(&["Pin"])),
     ]);
@@ -349,7 +351,7 @@ fn wrong_crystals(bench: &Bench, right: PowerUp) -> Vec<Act> {
         ),
     ] {
         let crystal_hz = u64::from(mhz) * 1_000_000;
-        let fitted = Fitted {
+        let fitted = FittedParts {
             crystal_hz,
             ..right.fitted
         };
@@ -373,7 +375,7 @@ fn wrong_chips(bench: &Bench, right: PowerUp, is_short: bool) -> Vec<Act> {
     let own = bench.board.chip.dev_ids.iter().map(|it| u64::from(*it));
     let others = own.clone().skip(1).chain([0]).filter(|_| !is_short);
     for device in others {
-        let fitted = Fitted {
+        let fitted = FittedParts {
             device,
             ..right.fitted
         };
@@ -396,7 +398,7 @@ fn wrong_chips(bench: &Bench, right: PowerUp, is_short: bool) -> Vec<Act> {
     let other = CHIPS
         .into_iter()
         .find(|it| !own.clone().any(|own| own == *it));
-    let fitted = Fitted {
+    let fitted = FittedParts {
         device: other.unwrap_or_default(),
         ..right.fitted
     };

@@ -20,17 +20,17 @@ use crate::{
     bootloader, compare,
     debugger::{self, Probe},
     machine::{Machine, SUPPLY_MV},
+    plant::Plant,
     script::{Act, Cut, PowerUp},
+    sender::Sender,
     watch::Watch,
-    wire::Wire,
-    world::World,
 };
 
 mod wanted;
 
 const MS: u64 = 1_000_000;
-/// How often script and world have a look, ns.
-pub(crate) const TICK: u64 = MS / 2;
+/// How often script and plant have a look, ns.
+pub(crate) const STOP_INTERVAL_NS: u64 = MS / 2;
 /// Between two requests of a report.
 const POLL_MS: u64 = 20;
 /// What the receive buffer of Grbl holds: the sender's window.
@@ -74,8 +74,8 @@ struct Marks {
     at_ns: u64,
 }
 
-/// The sender's end of the wire.
-fn wire(session: &mut Session<Machine>) -> &mut Wire {
+/// The sender's end of the serial line.
+fn sender(session: &mut Session<Machine>) -> &mut Sender {
     let peer = session.board_mut().peer_mut();
     peer.expect("it has been attached")
 }
@@ -93,7 +93,7 @@ pub(crate) struct Run {
     pending: VecDeque<String>,
     in_flight: VecDeque<usize>,
     probe: Option<JoinHandle<Result<Vec<u32>>>>,
-    world: World,
+    plant: Plant,
     watch: Watch,
     lines: Vec<String>,
     /// Resets that are known of.
@@ -122,7 +122,7 @@ impl Run {
     pub(crate) fn new(
         bench: &Arc<Bench>,
         script: Vec<Act>,
-        world: World,
+        plant: Plant,
         debugger: SocketAddr,
     ) -> Self {
         Self {
@@ -134,7 +134,7 @@ impl Run {
             pending: VecDeque::new(),
             in_flight: VecDeque::new(),
             probe: None,
-            world,
+            plant,
             watch: Watch::new(bench.board.crystal_mhz),
             lines: Vec::new(),
             resets: 0,
@@ -156,8 +156,9 @@ impl Run {
         }
     }
 
-    /// Has arrivals at `main` reported, and at handlers until then.
+    /// Has arrivals at `main` and at the bootloaders' handler reported, and at the firmware's until then.
     pub(crate) fn watch_start(&self, session: &mut Session<Machine>) {
+        session.watch(Watched::Instruction(bootloader::HANDLER.into()));
         if let Some(main) = self.main {
             session.watch(Watched::Instruction(main));
         }
@@ -176,6 +177,11 @@ impl Run {
             for &handler in &self.handlers {
                 session.unwatch(Watched::Instruction(handler));
             }
+        } else if address == u64::from(bootloader::HANDLER) {
+            if self.is_initialised {
+                let message = "VTOR is that of a bootloader, whose handler takes an interrupt";
+                self.watch.fault(message, None);
+            }
         } else if !self.is_initialised {
             let message = "an interrupt is taken before memory is initialised";
             self.watch.fault(message, Some(address));
@@ -186,7 +192,7 @@ impl Run {
     fn restart(&mut self, session: &mut Session<Machine>) {
         self.resets = session.resets().len();
         self.watch.restart();
-        self.world.is_greeted = false;
+        self.plant.is_greeted = false;
         if std::mem::take(&mut self.is_initialised) {
             self.watch_handlers(session);
         }
@@ -194,10 +200,10 @@ impl Run {
 
     /// Takes what has come from the firmware.
     fn listen(&mut self, session: &mut Session<Machine>) {
-        let lines: Vec<_> = wire(session).lines.drain(..).collect();
+        let lines: Vec<_> = sender(session).lines.drain(..).collect();
         for line in lines {
             if line.starts_with("Grbl ") {
-                self.world.is_greeted = true;
+                self.plant.is_greeted = true;
                 self.in_flight.clear();
             }
             let is_answer = line == "ok" || line.starts_with("error:");
@@ -225,7 +231,7 @@ impl Run {
                 eprintln!(
                     "{:10.3} {line}  X {:?}",
                     self.now.0 as f64 / 1e6,
-                    self.world.position(0)
+                    self.plant.position(0)
                 );
             }
             self.lines.push(line);
@@ -243,8 +249,8 @@ impl Run {
                 return;
             }
             let line = self.pending.pop_front().unwrap_or_default();
-            let wire = wire(session);
-            wire.outgoing.extend(line.bytes().chain([b'\n']));
+            let sender = sender(session);
+            sender.outgoing.extend(line.bytes().chain([b'\n']));
             self.in_flight.push_back(bytes);
         }
     }
@@ -269,10 +275,10 @@ impl Run {
             Act::Line(line) => self.pending.push_back(line.clone()),
             Act::Refused(line) => self.pending.push_back((*line).to_owned()),
             Act::Stream(lines) => self.pending.extend(lines.iter().cloned()),
-            Act::Bytes(bytes) => wire(session).outgoing.extend(*bytes),
-            Act::Press(input) => self.world.press(*input, true, now, chip),
-            Act::Release(input) => self.world.press(*input, false, now, chip),
-            Act::Mount(input, closes) => self.world.mount(*input, *closes),
+            Act::Bytes(bytes) => sender(session).outgoing.extend(*bytes),
+            Act::Press(input) => self.plant.press(*input, true, now, chip),
+            Act::Release(input) => self.plant.press(*input, false, now, chip),
+            Act::Mount(input, closes) => self.plant.mount(*input, *closes),
             Act::Supply(millivolts) => {
                 chip.supply(now, *millivolts);
                 self.watch.is_supply_low = *millivolts < LOW_SUPPLY_MV;
@@ -299,7 +305,7 @@ impl Run {
                     Cut::Before(count) => self.counted.saturating_sub(*count),
                 };
                 self.cut_after = self.watch.words + count;
-                self.world.cut_after(count);
+                self.plant.cut_after(count);
             }
             Act::Remember => self.remembered = self.settings_listed(),
             Act::Want(wanted) => self.compare(wanted, session),
@@ -310,7 +316,7 @@ impl Run {
 
     /// Words that have been stored, or bytes in an EEPROM.
     fn stored(&self) -> usize {
-        self.watch.words + self.world.eeprom_written()
+        self.watch.words + self.plant.eeprom_written()
     }
 
     /// The settings that were listed in this case.
@@ -328,7 +334,7 @@ impl Run {
         if let Some(from) = self.counted_from.take() {
             self.counted = self.stored() - from;
         }
-        if self.now.0 > TICK {
+        if self.now.0 > STOP_INTERVAL_NS {
             let ram = bootloader::RAM_START..bootloader::RAM_START + memory.ram_bytes;
             for address in ram.step_by(4) {
                 self.put(host.write(address.into(), Width::W32, NOISE));
@@ -359,12 +365,12 @@ impl Run {
         let chip = &mut session.board_mut().chip;
         chip.flash.is_cut = false;
         chip.fit(power_up.fitted);
-        self.world.restart(power_up.has_eeprom, self.now, chip);
+        self.plant.restart(power_up.has_eeprom, self.now, chip);
         chip.supply(self.now, SUPPLY_MV);
         host.hold(false);
         self.pending.clear();
         self.in_flight.clear();
-        wire(session).clear();
+        sender(session).clear();
         session.reset_by_pin(self.now, 0, host);
         // That one is none of the firmware's.
         self.restart(session);
@@ -415,7 +421,7 @@ impl Run {
             Act::Rest(ms) => waited_ms >= *ms,
             Act::State(_) if self.now >= self.poll_at => {
                 self.poll_at = VirtualNanos(self.now.0 + POLL_MS * MS);
-                wire(session).outgoing.push_back(b'?');
+                sender(session).outgoing.push_back(b'?');
                 false
             }
             Act::Hang => {
@@ -467,9 +473,9 @@ impl Run {
         Marks {
             lines: self.lines.len(),
             resets: self.resets,
-            steps: self.world.steps.len(),
-            switchings: self.world.switchings.len(),
-            energised: self.world.energised,
+            steps: self.plant.steps.len(),
+            switchings: self.plant.switchings.len(),
+            energised: self.plant.energised,
             words: self.watch.words,
             erased: self.watch.erased,
             at_ns: self.now.0,
@@ -505,7 +511,7 @@ impl Run {
 
     /// Keeps what was wrong in a case.
     fn end_case(&mut self) {
-        for fault in self.world.take_faults() {
+        for fault in self.plant.take_faults() {
             self.watch.fault(fault, None);
         }
         for (fault, by) in std::mem::take(&mut self.watch.faults) {
@@ -565,7 +571,7 @@ impl Driver<Machine> for Run {
             }
             _ => {}
         }
-        self.world.follow(&mut session.board_mut().chip);
+        self.plant.follow(&mut session.board_mut().chip);
     }
 
     fn on_stop(
@@ -593,6 +599,6 @@ impl Driver<Machine> for Run {
             self.begin(act, session, host);
         }
         self.stream(session);
-        Some(VirtualNanos(stop.at.0 + TICK))
+        Some(VirtualNanos(stop.at.0 + STOP_INTERVAL_NS))
     }
 }

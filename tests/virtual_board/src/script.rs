@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use board_data::{Board, Input};
 
-use crate::{chip::Fitted, world::Closes};
+use crate::{chip::FittedParts, plant::Closes};
 
 /// Something that is done or looked at. Where it waits for something that does not come, what follows in its case is
 /// left out.
@@ -68,7 +68,7 @@ pub(crate) enum Cut {
 /// What is found when the supply is switched on.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PowerUp {
-    pub(crate) fitted: Fitted,
+    pub(crate) fitted: FittedParts,
     /// The number of the bootloader that runs first; without one, the firmware begins.
     pub(crate) bootloader: Option<usize>,
     /// One letter of the firmware is another.
@@ -83,7 +83,7 @@ impl PowerUp {
     /// What the board's file says, and a firmware that has just been written.
     pub(crate) fn of(board: &Board) -> Self {
         Self {
-            fitted: Fitted::of(board),
+            fitted: FittedParts::of(board),
             bootloader: None,
             is_damaged: false,
             has_eeprom: true,

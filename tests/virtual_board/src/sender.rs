@@ -1,4 +1,4 @@
-//! The wire between the firmware's serial port and a sender in this program.
+//! A sender in this program, at the firmware's serial line.
 
 use std::collections::VecDeque;
 
@@ -8,9 +8,9 @@ use rigless::{
     time::VirtualNanos,
 };
 
-/// The sender's end of the wire.
+/// The sender's end of the serial line.
 #[derive(Debug, Default)]
-pub(crate) struct Wire {
+pub(crate) struct Sender {
     /// Bytes to the firmware.
     pub(crate) outgoing: VecDeque<u8>,
     /// What the firmware has sent of a line.
@@ -19,7 +19,7 @@ pub(crate) struct Wire {
     pub(crate) lines: VecDeque<String>,
 }
 
-impl Wire {
+impl Sender {
     /// The supply has been off: nothing is under way.
     pub(crate) fn clear(&mut self) {
         self.outgoing.clear();
@@ -28,9 +28,9 @@ impl Wire {
     }
 }
 
-impl Store for Wire {}
+impl Store for Sender {}
 
-impl Peer for Wire {
+impl Peer for Sender {
     fn receive(&mut self, word: u16, _: &mut Timeline<'_, '_>) {
         match word as u8 {
             b'\n' => {

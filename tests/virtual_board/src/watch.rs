@@ -8,7 +8,7 @@ use rigless::{
     time::VirtualNanos,
 };
 
-use crate::{chip::Change, machine::Machine, place::Program};
+use crate::{chip::Change, machine::Machine, program::Program};
 
 const RCC_CR: u64 = 0x4002_3800;
 const RCC_PLLCFGR: u64 = 0x4002_3804;
@@ -219,6 +219,9 @@ impl Watch {
                     format!("{address:#x} is stored to with another PSIZE in FLASH_CR"),
                     by,
                 );
+            }
+            Change::WhileBusy => {
+                self.fault("FLASH_CR is written while the flash is busy", by);
             }
             Change::Sets(address) => {
                 self.fault(

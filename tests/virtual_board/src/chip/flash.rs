@@ -1,5 +1,6 @@
 //! The flash: the crate's model of its registers, and the array, which that lacks. A sector is erased when its erasure
-//! begins, and a word programmed when it is stored, RM0090 3.6.3 and 3.6.4; RM0383 3.5, RM0390 3.5.
+//! begins, and a word programmed when it is stored, RM0090 3.6.3 and 3.6.4; RM0383 3.5, RM0390 3.5. `BSY` tells of both
+//! until their time is over.
 //!
 //! An erasure is over after some ms, not after the seconds of the data sheets: while the firmware looks at `BSY`, 100 ms
 //! of the board's time take a second of the host's.
@@ -23,6 +24,8 @@ use super::memory;
 
 /// How long an erasure takes where nothing else is asked for.
 const ERASE_NS: u64 = 20_000_000;
+/// How long a word takes, of any width: data sheets, `t_prog`, typical.
+const PROGRAM_NS: u64 = 16_000;
 
 /// Something done to the array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,6 +38,8 @@ pub(crate) enum Change {
     NotEnabled(u64),
     /// A store of another width than `PSIZE` says, which changes nothing and is an error: RM0090 3.6.2.
     OtherSize(u64),
+    /// A write to `CR` before what was begun is over, which stalls the bus until then: RM0090 3.6.1.
+    WhileBusy,
     /// A store that would set a bit which a store before has cleared: RM0090 3.6.4.
     Sets(u64),
 }
@@ -52,8 +57,8 @@ pub(crate) struct FlashWithArray {
     pub(crate) is_cut: bool,
     /// How long an erasure takes.
     pub(crate) erase_ns: u64,
-    /// The end of an erasure.
-    erased: Option<EventId>,
+    /// The end of what makes the flash busy.
+    over: Option<EventId>,
 }
 
 impl FlashWithArray {
@@ -65,7 +70,7 @@ impl FlashWithArray {
             changes: Vec::new(),
             is_cut: false,
             erase_ns: ERASE_NS,
-            erased: None,
+            over: None,
         }
     }
 
@@ -97,6 +102,11 @@ impl FlashWithArray {
         Ok(value)
     }
 
+    fn be_busy(&mut self, ns: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        registers.set(Register::Sr, sr::BSY.set(registers.get(Register::Sr), 1));
+        self.over = Some(context.schedule(VirtualNanos(context.now().0 + ns)));
+    }
+
     /// Erases a sector; the registers are unlocked.
     fn erase(
         &mut self,
@@ -111,8 +121,7 @@ impl FlashWithArray {
             );
             return;
         };
-        registers.set(Register::Sr, sr::BSY.set(registers.get(Register::Sr), 1));
-        self.erased = Some(context.schedule(VirtualNanos(context.now().0 + self.erase_ns)));
+        self.be_busy(self.erase_ns, registers, context);
         if !self.is_cut {
             self.changes.push(Change::Erased(start, bytes));
             self.forget(start, bytes);
@@ -142,6 +151,9 @@ impl Device for FlashWithArray {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) {
+        if register == Register::Cr && sr::BSY.is_set(registers.get(Register::Sr)) {
+            self.changes.push(Change::WhileBusy);
+        }
         let is_erasure = register == Register::Cr && STRT.is_set(value) && cr::SER.is_set(value);
         let is_locked = LOCK.is_set(registers.get(Register::Cr));
         if is_erasure && !is_locked {
@@ -158,8 +170,8 @@ impl Device for FlashWithArray {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) {
-        if self.erased == Some(event) {
-            self.erased = None;
+        if self.over == Some(event) {
+            self.over = None;
             registers.set(Register::Sr, sr::BSY.set(registers.get(Register::Sr), 0));
         } else {
             Device::on_event(&mut self.registers, event, registers, context);
@@ -186,6 +198,7 @@ impl Device for FlashWithArray {
                 let bytes = u64::from(width.bytes());
                 self.changes.push(Change::Programmed(address, bytes));
                 context.program(address, width, word, 0);
+                self.be_busy(PROGRAM_NS, registers, context);
             }
             Err(refused) => {
                 self.changes.push(refused);

@@ -1,9 +1,16 @@
 //! The memory map of a board's chip: RM0090 2.3 and 3.4, RM0383 2.2 and 3.3, RM0390 2.2 and 3.4.
 
-use std::num::{NonZeroU32, NonZeroU64};
+use std::{
+    num::{NonZeroU32, NonZeroU64},
+    path::Path,
+};
 
+use anyhow::Result;
 use board_data::Board;
-use rigless::soc::{EraseBlocks, Region};
+use rigless::{
+    image::Image,
+    soc::{EraseBlocks, Region},
+};
 
 /// The first address of the flash.
 pub(crate) const FLASH: u64 = 0x0800_0000;
@@ -34,6 +41,21 @@ pub(super) fn of(board: &Board) -> &'static [Region] {
         regions.push(Region::ram("backup_sram", 0x4002_4000, 4 * KIB));
     }
     regions.leak()
+}
+
+/// What the chip's maker has written: the number that no other chip has, and, 18 bytes behind its beginning, the size of
+/// the flash, KiB. RM0090 39.1 and 39.2, RM0383 24.1 and 24.2, RM0390 34.1 and 34.2.
+pub(crate) fn made(board: &Board) -> Result<Image> {
+    const NUMBER: u64 = 0x1FFF_7A10;
+    const SIZE_BEHIND: usize = 18;
+    let mut bytes = b"a model chip".to_vec();
+    bytes.resize(SIZE_BEHIND, 0);
+    bytes.extend((board.part.flash_kib as u16).to_le_bytes());
+    Ok(Image::new(
+        Path::new("what the chip's maker has written"),
+        bytes,
+        Some(NUMBER),
+    )?)
 }
 
 /// The first addresses of the sectors and their sizes, bytes.

@@ -51,7 +51,7 @@ impl Rig {
     fn new(board: &str) -> Self {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         let board = Board::read(&Board::path(board, &root), &root).unwrap();
-        let mut chip = Chip::new(&board, Fitted::of(&board)).unwrap();
+        let mut chip = Chip::new(&board, FittedParts::of(&board)).unwrap();
         chip.models.set_supply(3300);
         Self {
             chip,
@@ -185,7 +185,7 @@ fn captures_of_the_crystal_have_the_distance_that_its_frequency_says() {
 #[test]
 fn a_crystal_that_is_not_there_is_never_ready() {
     let mut rig = Rig::new("btt-skr-2");
-    rig.chip.fit(Fitted {
+    rig.chip.fit(FittedParts {
         crystal_hz: 0,
         device: 0x413,
     });
@@ -207,10 +207,15 @@ fn flash_is_programmed_and_erased_until_the_supply_is_cut() {
     rig.write(FLASH_CR, 0x201);
     rig.write(place, 0x1234);
     assert_eq!(rig.memory.0.get(&place), Some(&0x1234));
+    assert_eq!(rig.read(FLASH_SR) >> 16, 1, "it is busy");
+    rig.write(FLASH_CR, 0x200);
+    rig.wait(100_000);
+    assert_eq!(rig.read(FLASH_SR) >> 16, 0);
     rig.write(FLASH_CR, 0x1_0212);
     let expected = [
         Change::NotEnabled(place),
         Change::Programmed(place, 4),
+        Change::WhileBusy,
         Change::Erased(place, 16 * 1024),
     ];
     assert_eq!(std::mem::take(&mut rig.chip.flash.changes), expected);

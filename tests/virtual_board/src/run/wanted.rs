@@ -26,27 +26,27 @@ impl Run {
             Wanted::Resets(wanted) => self.other_resets(wanted, session),
             Wanted::Inactive(name) => self.active_at_reset(name, session),
             Wanted::Active(name) => {
-                let mut switchings = self.world.switchings[self.marks.switchings..].iter();
+                let mut switchings = self.plant.switchings[self.marks.switchings..].iter();
                 let was_active = switchings.any(|(_, of, is_active)| of == name && *is_active);
                 (!was_active).then(|| format!("{name} is not switched on"))
             }
             Wanted::Moved(count) => {
-                self.world
+                self.plant
                     .not_moved(self.marks.steps, self.marks.energised, *count)
             }
             Wanted::NoStep => {
-                let steps = self.world.steps.len() - self.marks.steps;
-                let count = steps + self.world.energised - self.marks.energised;
+                let steps = self.plant.steps.len() - self.marks.steps;
+                let count = steps + self.plant.energised - self.marks.energised;
                 (count != 0).then(|| format!("{count} steps are made"))
             }
             Wanted::Steps(events) => {
-                let steps = &self.world.steps[self.marks.steps..];
+                let steps = &self.plant.steps[self.marks.steps..];
                 job::difference(steps, events).unwrap_or_else(|error| Some(format!("{error:#}")))
             }
             Wanted::PwmOn => compare::is_pwm_off(&self.bench, session.board_mut())
                 .then(|| "the PWM is off while the spindle is on".into()),
             Wanted::Cut => {
-                let is_cut = session.board_mut().chip.flash.is_cut || self.world.is_cut();
+                let is_cut = session.board_mut().chip.flash.is_cut || self.plant.is_cut();
                 (!is_cut).then(|| "the supply is not cut: less is stored than before".into())
             }
             Wanted::Erased(count) => {
@@ -90,7 +90,7 @@ impl Run {
 
     fn active_at_reset(&self, name: &str, session: &Session<Machine>) -> Option<String> {
         let reset = session.resets().last().map_or(u64::MAX, |reset| reset.at.0);
-        let switchings = self.world.switchings[self.marks.switchings..].iter();
+        let switchings = self.plant.switchings[self.marks.switchings..].iter();
         let mut before = switchings.filter(|(at, of, _)| of == name && at.0 < reset);
         let is_on = before
             .next_back()
@@ -100,7 +100,7 @@ impl Run {
 
     /// What the last report says of X is not where its motor is.
     fn misplaced(&self) -> Option<String> {
-        let position = self.world.position(0)?;
+        let position = self.plant.position(0)?;
         let lines = self.lines[self.marks.lines..].iter();
         let reported = lines.rev().find_map(|line| {
             let (_, rest) = line.split_once("|MPos:")?;
