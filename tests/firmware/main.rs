@@ -3,7 +3,6 @@
 //! `cargo xtask test` builds it and names it in `FIRMWARE_ELF`; without that there is nothing to run.
 #![cfg(not(target_os = "none"))]
 
-mod bootloaders;
 #[path = "../support/cases.rs"]
 mod cases;
 mod cycles;
@@ -13,6 +12,7 @@ mod inputs;
 mod lines;
 mod machine;
 mod memory;
+mod preemption;
 mod priorities;
 mod proven;
 mod sender;
