@@ -62,7 +62,7 @@ fn drilled_from_start(lines: &[&str]) -> Vec<String> {
 const OUT: &str = "R X5 Y6 Z10";
 const BOTTOM: &str = "F100 X5 Y6 Z-3";
 /// Lines at Z 10, and what follows at `R`.
-const STEPS: [(&str, &[&str]); 10] = [
+const STEPS: [(&str, &[&str]); 12] = [
     ("G81X5Y6Z-3R2", &[BOTTOM, OUT]),
     ("G82X5Y6Z-3R2P0.5", &[BOTTOM, "dwell 500", OUT]),
     (
@@ -78,6 +78,8 @@ const STEPS: [(&str, &[&str]); 10] = [
             OUT,
         ],
     ),
+    ("G83X5Y6Z-3R2Q9P0.5", &[BOTTOM, "dwell 500", OUT]),
+    ("G73X5Y6Z-3R2Q9P1", &[BOTTOM, "dwell 1000", OUT]),
     (
         "G73X5Y6Z-3R2Q2",
         &[
@@ -193,16 +195,46 @@ fn a_line_repeats_its_hole_by_increments() {
     assert_eq!(drilled_from_start(&lines).len(), 3);
 }
 
+/// The depths to which a program feeds, line by line.
+fn bottoms(lines: &[&str]) -> Vec<String> {
+    let fed = (1..=lines.len()).flat_map(|count| drilled_from_start(&lines[..count]));
+    let fed = fed.filter(|step| step.starts_with('F'));
+    fed.map(|step| step[step.find('Z').unwrap()..].to_owned())
+        .collect()
+}
+
+#[test]
+fn incremental_holes_have_their_levels_from_where_the_cycles_began() {
+    for retract in ["G98", "G99"] {
+        let first = format!("{retract}G91G81X1Z-3R-9");
+        assert_eq!(bottoms(&[&first, "X1", "X1L2"]), ["Z-2"; 4], "{retract}");
+        // `R` and the depth may change, and the cycle.
+        assert_eq!(
+            bottoms(&[&first, "X1R-8", "X1Z-5", "G82X1R-8Z-5P0", "G81X1R-9Z-3"]),
+            ["Z-2", "Z-1", "Z-3", "Z-3", "Z-2"],
+            "{retract}"
+        );
+        // The level is that before the first hole, also where that was under G90.
+        let absolute = format!("{retract}G81X1Z-2R1");
+        assert_eq!(
+            bottoms(&[&absolute, "G91X1Z-3R-9", "X1", "G90X9Z-4R0"]),
+            ["Z-2", "Z-2", "Z-2", "Z-4"],
+            "{retract}"
+        );
+    }
+    // Cycles that begin anew begin where the tool is then.
+    assert_eq!(
+        bottoms(&["G91G99G81X1Z-3R-9", "G80", "G81X1Z-1R0"]),
+        ["Z-2", "Z0"]
+    );
+}
+
 #[test]
 fn each_hole_of_a_line_is_pecked() {
     for cycle in ["G83", "G73"] {
-        let depths = |holes: usize| -> Vec<_> {
+        let depths = |holes: usize| {
             let line = format!("{cycle}X5Z-5R-8Q2L{holes}");
-            let feeds = drilled_from_start(&["G91", &line]).into_iter();
-            let feeds = feeds.filter(|step| step.starts_with('F'));
-            feeds
-                .map(|step| step[step.find('Z').unwrap()..].to_owned())
-                .collect()
+            bottoms(&["G91", &line])
         };
         assert_eq!(depths(1), ["Z0", "Z-2", "Z-3"], "{cycle}");
         assert_eq!(depths(3).concat(), depths(1).concat().repeat(3), "{cycle}");
@@ -348,7 +380,8 @@ fn moves_in_the_plane_are_not_below_r_nor_below_the_level_between_holes() {
     );
     proptest!(crate::cases(100), |(holes in prop::collection::vec(hole, 1..8), level in -5..15)| {
         let mut machine = after(&["F100", "M3S100", &format!("G0Z{level}")]);
-        let mut is_continued = false;
+        let (mut is_continued, mut is_in_cycles) = (false, false);
+        let mut initial_level = Nm(0);
         for (cycle, (x, r, deep, repeats), [is_incremental, is_g99, ends]) in holes {
             let distance = if is_incremental { "G91" } else { "G90" };
             let retract = if is_g99 { "G99" } else { "G98" };
@@ -356,7 +389,10 @@ fn moves_in_the_plane_are_not_below_r_nor_below_the_level_between_holes() {
             let line = format!("{distance}{retract}{cycle}X{x}Y{x}Z{bottom}R{r}L{}", repeats + 1);
             let start = machine.position();
             let r = Nm::from_mm_f64(f64::from(r));
-            let retract_level = if is_incremental { start[2] + r } else { r };
+            if !is_in_cycles {
+                initial_level = start[2];
+            }
+            let retract_level = if is_incremental { initial_level + r } else { r };
             // The tool may rise on the way to the next hole, from where it was between holes.
             let lowest = if is_continued { retract_level.min(start[2]) } else { retract_level };
             send(&mut machine, &line).unwrap();
@@ -379,6 +415,7 @@ fn moves_in_the_plane_are_not_below_r_nor_below_the_level_between_holes() {
             }
             prop_assert_eq!(position, machine.position());
             is_continued = cycle != "G88P0" && !ends;
+            is_in_cycles = !ends;
             if ends {
                 send(&mut machine, "G80").unwrap();
             }

@@ -90,10 +90,10 @@ const fn steps(cycle: Cycle) -> &'static [HoleStep] {
         OverridesOff, Pause, Peck, RapidOut, SpindleBack, SpindleOff, SpindleReversed,
     };
     match cycle {
-        Cycle::G73 => &[Peck, NextPeck, Feed, RapidOut],
+        Cycle::G73 => &[Peck, NextPeck, Feed, Dwell, RapidOut],
         Cycle::G81 => &[Feed, RapidOut],
         Cycle::G82 => &[Feed, Dwell, RapidOut],
-        Cycle::G83 => &[Peck, ClearChips, NextPeck, Feed, RapidOut],
+        Cycle::G83 => &[Peck, ClearChips, NextPeck, Feed, Dwell, RapidOut],
         Cycle::G74 | Cycle::G84 => &[
             OverridesOff,
             Feed,
@@ -118,12 +118,12 @@ impl Drilling {
     /// The holes of a line that is to be executed in the present state.
     pub(super) fn new(state: &Interpreter, checked: &Checked, words: &CycleWords) -> Self {
         let modal = &checked.modal;
-        let (first, second, depth) = modal.plane.axes();
+        let (first, second, _) = modal.plane.axes();
         let position = targets::present(state, &targets::frame(state, checked));
         let (retract_level, bottom) = match modal.distance {
             Distance::Absolute => (words.r, words.bottom),
             Distance::Incremental => {
-                let retract_level = position[depth] + words.r;
+                let retract_level = words.initial_level + words.r;
                 (retract_level, retract_level + words.bottom)
             }
         };
