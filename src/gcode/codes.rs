@@ -124,7 +124,7 @@ const fn row(
 pub static CODES: &[CodeRow] = &[
     row("G0", CodeGroup::Motion, "rapid move along a straight line", "axes", &["G0 X10 Y-5"], &[("G0 G1", AxisCommandConflict), ("G0 X1 P1", UnusedWords), ("G0 X99999999", InvalidTarget)]),
     row("G1", CodeGroup::Motion, "straight move at the feed F", "axes [F]", &["G1 X10 F600"], &[("G1 X10", FeedUndefined), ("G1 X1 F-1", NegativeValue)]),
-    row("G2", CodeGroup::Motion, "clockwise arc or helix: centre by I J K from its start, or radius R (negative: the longer arc), P turns", "axes of the plane, I J K or R [P F]", &["G2 X10 Y0 I5 F600"], &[("G2 I5 F600", NoAxisWords), ("G2 Z1 I5 F600", NoAxisWordsInPlane), ("G2 X10 F600", NoOffsetsInPlane), ("G2 X10 I3 F600", InvalidTarget), ("G2 X10 I5 P0.5 F600", NotInteger)]),
+    row("G2", CodeGroup::Motion, "clockwise arc or helix: centre by I J K from its start, or radius R (negative: the longer arc), P turns", "axes of the plane (a full circle without), I J K or R [P F]", &["G2 X10 Y0 I5 F600", "G2 I5 F600", "G2 Z1 I5 F600"], &[("G2 R5 F600", NoAxisWords), ("G2 Z1 R5 F600", NoAxisWordsInPlane), ("G2 X10 F600", NoOffsetsInPlane), ("G2 X10 I3 F600", InvalidTarget), ("G2 X10 I5 P0.5 F600", NotInteger)]),
     row("G3", CodeGroup::Motion, "counter-clockwise arc or helix", "as G2", &["G3 X10 R5 F600"], &[("G3 X10 R2 F600", LineError::ArcRadius)]),
     row("G38.2", CodeGroup::Motion, "probe until contact; alarm without", "axes F", &["G38.2 Z-10 F100"], &[("G38.2 F100", NoAxisWords), ("G38.2 Z0 F100", InvalidTarget)]),
     row("G38.3", CodeGroup::Motion, "probe until contact, if there is any", "axes F", &["G38.3 Z-10 F100"], &[]),
@@ -134,8 +134,8 @@ pub static CODES: &[CodeRow] = &[
 
     row("G81", CodeGroup::Cycle, "drills: rapid over the hole and down to R, feed to the bottom, rapid out; the words stay for the next lines", "axes R [L]", &["F100", "G0 Z10", "G81 X5 Y5 Z-3 R2"], &[("G81 X5 Z-3", MissingWord), ("G81 X5 Z-3 R-4", RetractBelowBottom), ("G81 X5 Z-3 R2 L0", NotPositive), ("F10 G93 G81 X5 Z-3 R2", CycleNeedsFeedPerMinute), ("G81 X5 Z-3 R2", FeedUndefined)]),
     row("G82", CodeGroup::Cycle, "as G81, with a dwell of P seconds at the bottom", "axes R P [L]", &["F100", "G82 X5 Z-3 R2 P0.5"], &[("F100 G82 X5 Z-3 R2", MissingWord)]),
-    row("G83", CodeGroup::Cycle, "as G81, in pecks of Q with a rapid to R after each", "axes R Q [L]", &["F100", "G83 X5 Z-3 R2 Q1"], &[("F100 G83 X5 Z-3 R2 Q0", NotPositive)]),
-    row("G73", CodeGroup::Cycle, "as G83, but only lifted by $28 after each peck", "axes R Q [L]", &["F100", "G73 X5 Z-3 R2 Q1"], &[("F100 G73 X5 Z-3 R2", MissingWord)]),
+    row("G83", CodeGroup::Cycle, "as G81, in pecks of Q with a rapid to R after each; P dwells at the bottom", "axes R Q [P L]", &["F100", "G83 X5 Z-3 R2 Q1", "G83 X5 Z-3 R2 Q1 P0.5"], &[("F100 G83 X5 Z-3 R2 Q0", NotPositive)]),
+    row("G73", CodeGroup::Cycle, "as G83, but only lifted by $28 after each peck", "axes R Q [P L]", &["F100", "G73 X5 Z-3 R2 Q1"], &[("F100 G73 X5 Z-3 R2", MissingWord)]),
     row("G84", CodeGroup::Cycle, "taps, with a floating holder: feed to the bottom, spindle reversed, feed out, overrides off meanwhile", "axes R [P L]", &["F100", "M3 S200", "G84 X5 Z-3 R2"], &[("F100 G84 X5 Z-3 R2", SpindleOff)]),
     row("G74", CodeGroup::Cycle, "as G84, for a spindle that turns the other way", "axes R [P L]", &["F100", "M4 S200", "G74 X5 Z-3 R2"], &[("F100 G74 X5 Z-3 R2", SpindleOff)]),
     row("G85", CodeGroup::Cycle, "bores: feed to the bottom and up to R, rapid out", "axes R [L]", &["F100", "G85 X5 Z-3 R2"], &[("F100 G85 X5 Z-3", MissingWord)]),

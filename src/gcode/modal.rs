@@ -154,10 +154,13 @@ impl Cycle {
     /// Whether it dwells at the bottom, for `P`.
     #[must_use]
     pub const fn has_dwell(self) -> bool {
-        match self {
-            Self::G74 | Self::G82 | Self::G84 | Self::G86 | Self::G88 | Self::G89 => true,
-            Self::G73 | Self::G81 | Self::G83 | Self::G85 => false,
-        }
+        self.needs_dwell() || self.is_tapping() || self.has_pecks()
+    }
+
+    /// Whether it lacks a `P` where there is none.
+    #[must_use]
+    pub const fn needs_dwell(self) -> bool {
+        matches!(self, Self::G82 | Self::G86 | Self::G88 | Self::G89)
     }
 
     /// Whether it cuts a thread.

@@ -322,14 +322,14 @@ impl ParsedLine {
         let is_drilled_by_r = matches!(self.modal.motion, MotionMode::Cycle(_))
             && self.non_modal == NonModal::None
             && self.words.contains(Word::R);
-        let is_motion = self.axes != 0 || is_drilled_by_r;
+        let is_motion = self.has_target() || is_drilled_by_r;
         if is_motion && self.axis_command == AxisCommand::None {
             self.axis_command = AxisCommand::Motion;
         }
         // `G80` may stand beside a motion mode only where nothing moves.
         let has_both =
             self.has_group(ModalGroup::CycleCancel) && self.has_group(ModalGroup::Motion);
-        if has_both && self.axes != 0 {
+        if has_both && self.has_target() {
             return Err(LineError::ModalGroupViolation);
         }
         Ok(())
@@ -362,6 +362,16 @@ impl ParsedLine {
             Units::Millimetres => number.to_millionths(),
             Units::Inches => number.inches_to_nm(),
         })
+    }
+
+    /// Whether the line says where a move goes: by axis words, or by the centre of a full circle, which ends where it
+    /// begins.
+    #[must_use]
+    pub fn has_target(&self) -> bool {
+        let is_circle = matches!(self.modal.motion, MotionMode::Arc(_))
+            && self.non_modal == NonModal::None
+            && self.words.contains(Word::IJK);
+        self.axes != 0 || is_circle
     }
 
     /// Whether an axis has a word.

@@ -84,9 +84,10 @@ impl Checksum {
         self.digits != 0 && !self.is_wrong
     }
 
-    /// Returns whether the line is what the sender has sent.
-    const fn is_right(&self) -> bool {
-        self.asterisks == 1 && self.is_number() && self.value == self.xor as u16
+    /// Returns whether the line is what the sender has sent. A text may have asterisks of its own.
+    const fn is_right(&self, is_text: bool) -> bool {
+        let is_only = self.asterisks == 1 || is_text;
+        is_only && self.is_number() && self.value == self.xor as u16
     }
 }
 
@@ -292,7 +293,7 @@ impl<const N: usize> RawLine<N> {
         let (number, _) = self.number();
         let checksum = self.chosen_checksum();
         let has_checksum = checksum.is_some();
-        let is_right = checksum.is_some_and(Checksum::is_right);
+        let is_right = checksum.is_some_and(|it| it.is_right(self.is_text()));
         if !self.has_words {
             return Verdict::Blank;
         }
@@ -345,7 +346,7 @@ impl<const N: usize> RawLine<N> {
         let (number, _) = self.number();
         let has_checksum = self.checksum.asterisks != 0;
         let is_whole = match number {
-            Some(Ok(_)) => has_checksum && self.checksum.is_right(),
+            Some(Ok(_)) => has_checksum && self.checksum.is_right(false),
             Some(Err(NotANumber)) => false,
             None => !has_checksum,
         };
@@ -488,6 +489,12 @@ mod tests {
             ("M110", ReportNumber),
             ("M1100", Execute(None)),
             ("N3 M117 a;b*12", Refuse(Checksum)),
+            (r#"N3 M117 a*b*46"#, Execute(Some(3))),
+            (r#"N3 M118 **34"#, Execute(Some(3))),
+            (r#"N3 m117 "a*b*7"*19"#, Execute(Some(3))),
+            (r#"N3 M117 2*3*4 (6*4)*59"#, Execute(Some(3))),
+            ("N3 M117 a*b*47", Refuse(Checksum)),
+            ("N3 M117 a*b", Refuse(Checksum)),
         ] {
             assert_eq!(line(text.as_bytes()).verdict(2, true), verdict, "{text}");
         }

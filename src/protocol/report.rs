@@ -341,6 +341,11 @@ pub fn missing_word(text: &mut Text, letter: u8) {
     text.word("[MSG:").byte(letter).word(" is missing]").end();
 }
 
+/// `[MSG:I J K fit as absolute: G90.1]`: a refused arc is one with absolute centres.
+pub fn absolute_centre(text: &mut Text) {
+    text.word("[MSG:I J K fit as absolute: G90.1]").end();
+}
+
 /// `[MSG:Path deviation: … mm]`: the greatest distance from the programmed path, under `G64`.
 pub fn path_deviation(text: &mut Text, deviation_mm: f32) {
     text.word("[MSG:Path deviation: ");

@@ -50,6 +50,13 @@ fn a_full_circle_is_one_turn_back_to_the_start_in_every_plane() {
             let text = format!("{select}{command}X0Y0Z0{offset}F10");
             let made = commands(&[&text]);
             let circle = circle_of(&made[0]);
+            // Without axis words in the plane it is the same circle, or a helix around it.
+            let alone = format!("{select}{command}{offset}F10");
+            assert_eq!(commands(&[&alone]), made);
+            let again = format!("F10{select}{command}X0Y0Z0{offset}");
+            assert_eq!(commands(&[&again, offset]), made);
+            let helix = format!("{alone}{}7", ["X", "Y", "Z"][plane.axes().2]);
+            assert_eq!(circle_of(&commands(&[&helix])[0]), circle);
             let mut centre = Axes::all(Nm(0));
             let (first, second, _) = plane.axes();
             centre[first] = circle.centre[0];
@@ -59,9 +66,47 @@ fn a_full_circle_is_one_turn_back_to_the_start_in_every_plane() {
             assert_eq!(circle.turns, 1);
         }
     }
-    // Grbl wants an axis word of the plane, even for a full circle.
-    assert_eq!(error(&["G2I5F10"]), LineError::NoAxisWords);
-    assert_eq!(error(&["G2Z1I5F10"]), LineError::NoAxisWordsInPlane);
+    // The circle of a rotated system, in the line that selects it.
+    let rotated = ["G10L2P2X3Y4R90", "G1X5Y5F10"];
+    let lines = |circle| commands(&[rotated[0], rotated[1], circle]).pop();
+    assert_eq!(lines("G55G2I5"), lines("G55G2X1Y-2I5"));
+    // Something has to say what the circle is, and that it is one.
+    assert_eq!(error(&["G2F10"]), LineError::NoAxisWords);
+    assert_eq!(error(&["G2R5F10"]), LineError::NoAxisWords);
+    assert_eq!(error(&["G2K5F10"]), LineError::NoAxisWords);
+    assert_eq!(error(&["G2Z1R5F10"]), LineError::NoAxisWordsInPlane);
+    assert_eq!(error(&["G90.1G2I5F10"]), LineError::NoOffsetsInPlane);
+    for line in ["G1F10", "G2X1I.5F10", "G80"] {
+        let word = if line.starts_with("G2") { "R5" } else { "I5" };
+        assert_eq!(error(&[line, word]), LineError::UnusedWords, "{line}");
+    }
+    assert_eq!(error(&["G2X1I.5F10", "G4P0I5"]), LineError::UnusedWords);
+}
+
+#[test]
+fn arcs_with_rounded_numbers_have_linuxcncs_tolerances() {
+    // What `rs274` of LinuxCNC 2.9 takes and refuses, just below and above its limits.
+    for (accepted, refused) in [
+        ("G2X10.0282I5F10", "G2X10.0283I5F10"),
+        ("G2X.2282I.1F10", "G2X.2283I.1F10"),
+        ("G2X200.1I100F10", "G2X200.1002I100F10"),
+        ("G20G2X2.00282I1F10", "G20G2X2.00284I1F10"),
+        ("G20G2X20.01I10F10", "G20G2X20.0101I10F10"),
+        ("G2X10R4.99874F10", "G2X10R4.99872F10"),
+        ("G3X10R-4.99874F10", "G3X10R-4.99872F10"),
+        ("G20G2X1R0.49996F10", "G20G2X1R0.49994F10"),
+    ] {
+        assert!(!commands(&[accepted]).is_empty(), "{accepted}");
+        let expected = if refused.contains('R') {
+            LineError::ArcRadius
+        } else {
+            LineError::InvalidTarget
+        };
+        assert_eq!(error(&[refused]), expected, "{refused}");
+    }
+    // Where `R` is too short, the arc is half of a circle.
+    let circle = |line: &str| circle_of(&commands(&[line])[0]).centre;
+    assert_eq!(circle("G2X10R4.999F10"), circle("G2X10R5F10"));
 }
 
 #[test]

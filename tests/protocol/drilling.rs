@@ -167,6 +167,26 @@ fn the_word_that_a_cycle_lacks_is_reported() {
 }
 
 #[test]
+fn a_refused_arc_with_absolute_centres_says_so() {
+    let mut bench = Bench::new();
+    bench.ask("$C");
+    bench.ask("G0 X20 Y10 F100");
+    let hint = ["[MSG:I J K fit as absolute: G90.1]", "error:33"];
+    assert_eq!(bench.ask("G2 X30 Y10 I25 J10"), hint);
+    assert_eq!(bench.ask("X30 (the plain words before) G3 I25 J10"), hint);
+    // Neither way, and what is wrong otherwise.
+    for (line, error) in [
+        ("G2 X30 Y10 I26 J10", "error:33"),
+        ("G2 X30 Y10 I25 J10 Q1", "error:20"),
+        ("G91 G38.2 X0", "error:33"),
+    ] {
+        assert_eq!(bench.ask(line), [error], "{line}");
+    }
+    assert_eq!(bench.ask("G90.1 G2 X30 Y10 I25 J10"), ["ok"]);
+    assert_eq!(bench.ask("G2 X20 Y10 I5 J0"), ["error:33"]);
+}
+
+#[test]
 fn a_dwell_of_more_than_a_minute_is_announced_where_it_begins_or_changes() {
     let mut bench = Bench::new();
     bench.ask("$C");

@@ -3,21 +3,27 @@
 //! The circle's centre relative to the start is exact where it is programmed (`I J K`) and rounded
 //! to the nanometre where it is computed (`R`). Double precision, once per arc.
 
-use super::{Move, offsets::Frame};
+use super::{Move, check::MM_PER_INCH, offsets::Frame};
 use crate::{
     axis::Axes,
     decimal::Decimal,
-    gcode::{ArcDistance, LineError, ParsedLine, Word, Words},
+    gcode::{ArcDistance, LineError, ParsedLine, Units, Word, Words},
     model::{Circle, Plane, Rotation},
     units::{MicroDegrees, Nm},
 };
 
-/// Differences of the radii at both ends up to this are always accepted, mm (Grbl, NIST).
-const RADIUS_TOLERANCE_MM: f32 = 0.005;
-/// Differences above this are never accepted, mm.
-const RADIUS_LIMIT_MM: f32 = 0.5;
-/// Differences in between are accepted up to this part of the radius.
+/// Differences of the radii at both ends up to this are always accepted, in mm and in inches (LinuxCNC 2.9, measured with
+/// its `rs274`; Grbl's 0.005 mm are less).
+const RADIUS_TOLERANCE_MM: f32 = 0.028_284;
+const RADIUS_TOLERANCE_INCHES: f32 = 0.002_828_4;
+/// The same where one end is the centre, for Grbl: there is no arc then.
+const POINT_TOLERANCE_MM: f32 = 0.005;
+/// Differences above so many times that are never accepted.
+const RADIUS_LIMIT: f32 = 100.0;
+/// Differences in between are accepted up to this part of the larger radius.
 const RADIUS_PART: f32 = 0.001;
+/// Most by which `R` may be shorter than half of the distance, mm (LinuxCNC 2.9, measured).
+const SHORT_RADIUS_MM: f64 = 0.001_27;
 /// Most by which a diameter may be shorter than the distance, as a part of its square: less than the
 /// single precision of Grbl can distinguish.
 const DIAMETER_SLACK: f64 = 1.0e-6;
@@ -37,18 +43,21 @@ pub(super) fn movement(
     target: Axes<Nm>,
 ) -> Result<Move, LineError> {
     let (first, second, _) = parsed.modal.plane.axes();
-    if parsed.axes == 0 {
-        return Err(LineError::NoAxisWords);
-    }
-    if !parsed.has_axis(first) && !parsed.has_axis(second) {
-        return Err(LineError::NoAxisWordsInPlane);
+    let has_offset = [first, second].map(|axis| unused.contains(Word::offset_of(axis)));
+    // Without axis words in the plane an arc with a centre is a full circle, as LinuxCNC has it.
+    let has_centre = has_offset != [false; 2] && !unused.contains(Word::R);
+    if !has_centre && !parsed.has_axis(first) && !parsed.has_axis(second) {
+        return Err(if parsed.axes == 0 {
+            LineError::NoAxisWords
+        } else {
+            LineError::NoAxisWordsInPlane
+        });
     }
     let chord = [target[first] - start[first], target[second] - start[second]];
     let centre = if unused.contains(Word::R) {
         unused.remove(Word::R);
         centre_from_radius(chord, parsed.length(parsed.radius), rotation)?
     } else {
-        let has_offset = [first, second].map(|axis| unused.contains(Word::offset_of(axis)));
         let is_absolute = parsed.modal.arc_distance == ArcDistance::Absolute;
         if has_offset == [false; 2] || is_absolute && has_offset != [true; 2] {
             return Err(LineError::NoOffsetsInPlane);
@@ -62,7 +71,7 @@ pub(super) fn movement(
                 offset
             }
         });
-        check_radii(chord, centre)?;
+        check_radii(chord, centre, parsed.modal.units)?;
         centre
     };
     let turns = turns(parsed, unused)?;
@@ -121,7 +130,8 @@ fn centre_from_radius(
     let diameter_sqr = 4.0 * r * r;
     let mut remainder = diameter_sqr - chord_sqr;
     if remainder < 0.0 {
-        if remainder < -DIAMETER_SLACK * diameter_sqr {
+        let is_short = 0.5 * libm::sqrt(chord_sqr) - libm::fabs(r) > SHORT_RADIUS_MM;
+        if is_short && remainder < -DIAMETER_SLACK * diameter_sqr {
             return Err(LineError::ArcRadius);
         }
         remainder = 0.0;
@@ -137,8 +147,8 @@ fn centre_from_radius(
     ])
 }
 
-/// Checks that both ends are equally far from the centre, within Grbl's tolerance.
-fn check_radii(chord: [Nm; 2], centre: [Nm; 2]) -> Result<(), LineError> {
+/// Checks that both ends are equally far from the centre, within LinuxCNC's tolerance.
+fn check_radii(chord: [Nm; 2], centre: [Nm; 2], units: Units) -> Result<(), LineError> {
     let [x, y] = chord.map(Nm::to_mm_f64);
     let [i, j] = centre.map(Nm::to_mm_f64);
     // Difference of the squared radii without the cancellation of large squares.
@@ -149,8 +159,14 @@ fn check_radii(chord: [Nm; 2], centre: [Nm; 2]) -> Result<(), LineError> {
     let radius = libm::hypotf(i as f32, j as f32);
     let end_radius = libm::hypotf((x - i) as f32, (y - j) as f32);
     let difference = (difference_sqr as f32).abs() / (radius + end_radius);
-    let is_accepted = difference <= RADIUS_TOLERANCE_MM
-        || (difference <= RADIUS_LIMIT_MM && difference <= RADIUS_PART * radius);
+    let tolerance = match units {
+        _ if radius == 0.0 || end_radius == 0.0 => POINT_TOLERANCE_MM,
+        Units::Millimetres => RADIUS_TOLERANCE_MM,
+        Units::Inches => RADIUS_TOLERANCE_INCHES * MM_PER_INCH,
+    };
+    let is_accepted = difference <= tolerance
+        || difference <= RADIUS_LIMIT * tolerance
+            && difference <= RADIUS_PART * radius.max(end_radius);
     if is_accepted {
         Ok(())
     } else {

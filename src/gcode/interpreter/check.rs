@@ -3,15 +3,16 @@
 //! One function per step of the NIST order of execution that can fail.
 
 use super::{
-    Action, Checked, Interpreter, LineKind, Move, arc, compensation, cycle, drilling::Drilling,
-    power, targets, tools,
+    Action, Checked, Hint, Interpreter, LineKind, Move, arc, compensation, cycle,
+    drilling::Drilling, power, targets, tools,
 };
 use crate::{
     axis::Axes,
     decimal::Decimal,
     gcode::{
-        AxisCommand, FeedMode, Flow, LineError, MAX_LINE_NUMBER, Modal, MotionMode, NonModal,
-        ParsedLine, PlainPrefix, SwitchedOverride, ToolCommand, Units, Word, Words, tool_number,
+        ArcDistance, AxisCommand, FeedMode, Flow, LineError, MAX_LINE_NUMBER, Modal, MotionMode,
+        NonModal, ParsedLine, PlainPrefix, SwitchedOverride, ToolCommand, Units, Word, Words,
+        tool_number,
     },
     model::{Laser, OverrideSwitches, PathControl},
     settings::Settings,
@@ -33,30 +34,49 @@ pub(super) fn check(
     kind: LineKind,
     settings: &Settings,
 ) -> Result<Checked, LineError> {
-    let parsed = parse(state, prefix, line, kind)?;
+    check_parsed(state, &parse(state, prefix, line, kind)?, kind, settings)
+}
+
+fn check_parsed(
+    state: &Interpreter,
+    parsed: &ParsedLine,
+    kind: LineKind,
+    settings: &Settings,
+) -> Result<Checked, LineError> {
     let mut unused = parsed.words;
-    let mut checked = unchanged(state, kind, &parsed);
-    check_modes(state, settings, &parsed, &mut unused, &mut checked)?;
-    compensation::set(state, &parsed, &mut unused, &mut checked)?;
-    check_non_modal(state, settings, &parsed, &mut unused, &mut checked)?;
-    check_motion(state, settings, &parsed, &mut unused, &mut checked)?;
+    let mut checked = unchanged(state, kind, parsed);
+    check_modes(state, settings, parsed, &mut unused, &mut checked)?;
+    compensation::set(state, parsed, &mut unused, &mut checked)?;
+    check_non_modal(state, settings, parsed, &mut unused, &mut checked)?;
+    check_motion(state, settings, parsed, &mut unused, &mut checked)?;
     compensation::check_line(&checked)?;
-    check_words(kind, &parsed, unused)?;
+    check_words(kind, parsed, unused)?;
     check_reach(state, settings, &checked)?;
-    let is_motion = parsed.axes != 0 && parsed.axis_command == AxisCommand::Motion;
+    let is_motion = parsed.has_target() && parsed.axis_command == AxisCommand::Motion;
     power::set(state, settings, is_motion, &mut checked);
     checked.changes_state = changes_state(state, &checked);
     Ok(checked)
 }
 
-/// Returns the letter of the first word that a line with a canned cycle lacks, if it lacks one.
-pub(super) fn missing_cycle_word(
+/// Returns what a refused line lacks, if that can be said.
+pub(super) fn hint(
     state: &Interpreter,
     prefix: &PlainPrefix,
     line: &[u8],
-) -> Option<u8> {
-    let parsed = parse(state, prefix, line, LineKind::Program).ok()?;
-    cycle::missing_letter(state, &parsed)
+    settings: &Settings,
+    error: LineError,
+) -> Option<Hint> {
+    let mut parsed = parse(state, prefix, line, LineKind::Program).ok()?;
+    match error {
+        LineError::MissingWord => cycle::missing_letter(state, &parsed).map(Hint::MissingWord),
+        LineError::InvalidTarget if parsed.modal.arc_distance == ArcDistance::Incremental => {
+            parsed.modal.arc_distance = ArcDistance::Absolute;
+            let is_arc = matches!(parsed.modal.motion, MotionMode::Arc(_));
+            let fits = is_arc && check_parsed(state, &parsed, LineKind::Program, settings).is_ok();
+            fits.then_some(Hint::AbsoluteCentre)
+        }
+        _ => None,
+    }
 }
 
 /// The words of the line, of which the plain ones have been read.
@@ -328,7 +348,7 @@ fn check_non_modal(
         }
         NonModal::None | NonModal::Dwell => {}
     }
-    if parsed.axes != 0 && parsed.axis_command != AxisCommand::ToolLength {
+    if parsed.has_target() && parsed.axis_command != AxisCommand::ToolLength {
         targets::set_target(state, parsed, checked);
     }
     Ok(())

@@ -95,10 +95,10 @@ pub(super) fn words(
         unused.remove(Word::Q);
     }
     if cycle.has_dwell() {
-        let known_ms = match (is_same_cycle, cycle.is_tapping()) {
+        let known_ms = match (is_same_cycle, cycle.needs_dwell()) {
             (true, _) => Some(before.dwell_ms),
-            (false, true) => Some(0),
-            (false, false) => None,
+            (false, false) => Some(0),
+            (false, true) => None,
         };
         words.dwell_ms = dwell_ms(parsed, unused, known_ms)?;
     }
@@ -118,12 +118,11 @@ pub(super) fn missing_letter(state: &Interpreter, parsed: &ParsedLine) -> Option
         state.modal.motion == parsed.modal.motion && state.modal.plane == parsed.modal.plane;
     let depth = parsed.modal.plane.axes().2;
     let has = |word: Word| parsed.words.contains(word);
-    let needs_dwell = cycle.has_dwell() && !cycle.is_tapping();
     let needed = [
         (has(Word::R), b'R'),
         (parsed.has_axis(depth), LETTERS[depth]),
         (has(Word::Q) || !cycle.has_pecks(), b'Q'),
-        (has(Word::P) || !needs_dwell, b'P'),
+        (has(Word::P) || !cycle.needs_dwell(), b'P'),
     ];
     let missing = needed.into_iter().find(|(is_there, _)| !is_there);
     missing

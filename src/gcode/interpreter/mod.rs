@@ -106,6 +106,15 @@ pub enum Message {
     },
 }
 
+/// What a refused line lacks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Hint {
+    /// The word of a canned cycle, by its letter.
+    MissingWord(u8),
+    /// `G90.1`: its arc is one if `I`, `J` and `K` are absolute.
+    AbsoluteCentre,
+}
+
 impl Interpreter {
     /// The power-up state: at the origin, all offsets zero.
     #[must_use]
@@ -151,11 +160,16 @@ impl Interpreter {
         check::check(self, prefix, line, LineKind::Program, settings)
     }
 
-    /// Returns the letter of the word for which [`Self::check_after`] has refused a line with a canned cycle;
-    /// `None` where it was none of a cycle's words.
+    /// Returns what a line lacks that [`Self::check_after`] has refused, if that can be said.
     #[must_use]
-    pub fn missing_cycle_word(&self, prefix: &PlainPrefix, line: &[u8]) -> Option<u8> {
-        check::missing_cycle_word(self, prefix, line)
+    pub fn hint(
+        &self,
+        prefix: &PlainPrefix,
+        line: &[u8],
+        settings: &Settings,
+        error: LineError,
+    ) -> Option<Hint> {
+        check::hint(self, prefix, line, settings, error)
     }
 
     /// Checks the text after `$J=`, as [`Self::check`] does with a line: a move along a line at its

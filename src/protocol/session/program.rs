@@ -8,7 +8,7 @@ use crate::{
     axis::Axes,
     gcode::{
         LineError, PlainPrefix, Refusal,
-        interpreter::{Checked, Message},
+        interpreter::{Checked, Hint, Message},
     },
     machine::Snapshot,
     model::{Command, Requests, State},
@@ -245,9 +245,7 @@ impl Session {
         };
         let is_possible = checked.and_then(|()| self.check_state(machine));
         if let Err(error) = is_possible.and_then(|()| self.plan_compensated()) {
-            if error == LineError::MissingWord {
-                self.report_missing_word();
-            }
+            self.report_hint(error);
             return self.refuse(error);
         }
         let waits = self.line.checked.waits_for_standstill() && !self.waits_behind_move();
@@ -265,17 +263,22 @@ impl Session {
         self.execute(links)
     }
 
-    /// Reports which word a line with a canned cycle lacks.
+    /// Reports what a refused line lacks, where that can be said.
     #[cold]
     #[inline(never)]
-    fn report_missing_word(&mut self) {
+    fn report_hint(&mut self, error: LineError) {
         if self.line.source != Source::Line {
             return;
         }
         let text = self.line.input.text().unwrap_or_default();
-        let missing = self.interpreter.missing_cycle_word(&self.line.prefix, text);
-        if let Some(letter) = missing {
-            report::missing_word(&mut self.reports.message, letter);
+        let settings = &self.persistence.stored.settings;
+        let interpreter = &self.interpreter;
+        let hint = interpreter.hint(&self.line.prefix, text, settings, error);
+        let message = &mut self.reports.message;
+        match hint {
+            Some(Hint::MissingWord(letter)) => report::missing_word(message, letter),
+            Some(Hint::AbsoluteCentre) => report::absolute_centre(message),
+            None => {}
         }
     }
 

@@ -183,6 +183,13 @@ deviations! {
         "there is cutter radius compensation",
         "an answer other than `error:20` to a line with G41, G41.1, G42 or G42.1; and errors 90, 91, 92, \
          205 and 207";
+    FullCircles: "D57", true,
+        "an arc without axis words in its plane is a full circle",
+        "an answer other than `error:26`, `error:32` or `error:36` to a line with I, J or K";
+    ArcTolerance: "D58", true,
+        "arcs with rounded numbers are taken",
+        "an answer other than `error:33` or `error:34` to an arc, and the message `[MSG:I J K fit as \
+         absolute: …]`";
 }
 
 impl Deviation {
@@ -224,7 +231,17 @@ pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviati
     }
     let is_arc = code.contains(['I', 'J', 'K', 'R']) && !code.starts_with('$');
     let has_turns = is_arc && code.contains('P') && ["ok", "error:23", "error:39"].contains(&ours);
-    (theirs == "error:36" && has_turns).then_some(Deviation::ArcTurns)
+    if theirs == "error:36" && has_turns {
+        return Some(Deviation::ArcTurns);
+    }
+    let has_centre = is_arc && code.contains(['I', 'J', 'K']);
+    match theirs {
+        _ if ours == theirs || !is_answer => None,
+        "error:26" | "error:32" if has_centre => Some(Deviation::FullCircles),
+        "error:36" if has_centre && !code.contains(['X', 'Y', 'Z']) => Some(Deviation::FullCircles),
+        "error:33" | "error:34" if is_arc => Some(Deviation::ArcTolerance),
+        _ => None,
+    }
 }
 
 /// Why there may be a message that Grbl does not have.
@@ -237,6 +254,8 @@ pub(crate) fn of_message(ours: &str) -> Option<Deviation> {
         Some(Deviation::ToolTable)
     } else if ours.starts_with("[MSG:") && ours.ends_with(" is missing]") {
         Some(Deviation::CannedCycles)
+    } else if ours.starts_with("[MSG:I J K fit as absolute: ") {
+        Some(Deviation::ArcTolerance)
     } else {
         None
     }
@@ -348,6 +367,20 @@ mod tests {
         assert_eq!(of_answers("G2X2I1P3", "ok", "error:36"), turns);
         assert_eq!(of_answers("G2X2I1P.5", "error:23", "error:36"), turns);
         assert_eq!(of_answers("G2X2I1L1", "ok", "error:36"), None);
+        let circle = Some(Deviation::FullCircles);
+        for (code, theirs) in [
+            ("G2I5", "error:26"),
+            ("G2Z1I5", "error:32"),
+            ("I5", "error:36"),
+        ] {
+            assert_eq!(of_answers(code, "ok", theirs), circle);
+            assert_eq!(of_answers(code, theirs, theirs), None);
+        }
+        assert_eq!(of_answers("G2R5", "ok", "error:26"), None);
+        let rounded = Some(Deviation::ArcTolerance);
+        assert_eq!(of_answers("G2X10I5.01", "ok", "error:33"), rounded);
+        assert_eq!(of_answers("G2X10R4.999", "ok", "error:34"), rounded);
+        assert_eq!(of_answers("G38.2X10", "ok", "error:33"), None);
         assert_eq!(of_answers("G0X2P1", "ok", "error:36"), None);
         assert_eq!(of_answers("G2X2I1P3", "error:33", "error:36"), None);
         let mist = Some(Deviation::Mist);
