@@ -1,6 +1,7 @@
 //! Soft limits, `$20`: moves that leave the travel of the machine.
 //!
-//! The travel of an axis is 0 down to minus `$130`.. The farthest points of an arc are computed from
+//! The travel of an axis is 0 down to minus `$130`..; with 0 it has no limits, as a rotary axis that turns freely, in
+//! grblHAL too. The farthest points of an arc are computed from
 //! its exact geometry, not from chords. Runs once per line, in `interpret`.
 
 use core::f64::consts::FRAC_PI_2;
@@ -47,9 +48,10 @@ fn lowest(settings: &Settings, axis: usize) -> i64 {
     -Nm::from_mm_f64(f64::from(settings.max_travel_mm[axis])).0
 }
 
-/// Returns whether an axis has a travel: one that `E` drives has none.
+/// Returns whether an axis has a travel: one that `E` drives has none, nor has one for which 0 is set.
 fn has_travel(settings: &Settings, axis: usize) -> bool {
-    axis < LINEAR || axis + 1 != usize::from(settings.extruder_axis)
+    let is_driven = axis >= LINEAR && axis + 1 == usize::from(settings.extruder_axis);
+    !is_driven && settings.max_travel_mm[axis] != 0.0
 }
 
 /// Returns true if a position is outside the travel.
@@ -85,7 +87,9 @@ fn arc_leaves(settings: &Settings, from: &Axes<Nm>, to: &Axes<Nm>, circle: &Circ
             return false;
         };
         let radius = Nm::from_mm_f64(radius).0;
-        if quadrant < 2 {
+        if !has_travel(settings, axis) {
+            false
+        } else if quadrant < 2 {
             centre.0.saturating_add(radius) > EXTREME_ERROR_NM
         } else {
             centre.0.saturating_sub(radius) < lowest(settings, axis) - EXTREME_ERROR_NM
@@ -148,6 +152,32 @@ mod tests {
                 is_outside
             );
         }
+    }
+
+    #[test]
+    fn an_axis_without_travel_has_no_limits() {
+        let mut free = machine();
+        free.max_travel_mm[0] = 0.0;
+        let from = at(0.0, 0.0);
+        for (x, y, is_outside) in [
+            (1000.0, 0.0, false),
+            (-1000.0, -200.0, false),
+            (1000.0, 0.001, true),
+            (0.0, -200.001, true),
+        ] {
+            let line = Command::Line {
+                target: at(x, y).into(),
+                feed_rate: FeedRate::Rapid,
+                line: 0,
+            };
+            assert_eq!(leaves_travel(&free, &from, &line), is_outside, "{x} {y}");
+        }
+        // Half of a circle whose extreme on X is outside.
+        let right = arc(Rotation::Clockwise, [0.0, -20.0], at(0.0, -40.0), 1);
+        assert!(!leaves_travel(&free, &from, &right));
+        assert!(leaves_travel(&machine(), &from, &right));
+        let above = arc(Rotation::CounterClockwise, [-20.0, 0.0], at(-40.0, 0.0), 1);
+        assert!(leaves_travel(&free, &from, &above));
     }
 
     #[test]

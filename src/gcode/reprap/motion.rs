@@ -129,8 +129,10 @@ pub(super) fn write_motors(
         } else {
             given
         };
-        let lowest = -Nm::from_mm_f64(f64::from(context.settings.max_travel_mm[axis])).0;
-        if context.is_homed && !(lowest..=0).contains(&target.0) {
+        let travel_mm = context.settings.max_travel_mm[axis];
+        let lowest = -Nm::from_mm_f64(f64::from(travel_mm)).0;
+        let has_travel = context.is_homed && travel_mm != 0.0;
+        if has_travel && !(lowest..=0).contains(&target.0) {
             return Err(LineError::InvalidTarget);
         }
         write_coordinate(axis, target, codes, context, write);
