@@ -489,10 +489,10 @@ mod tests {
             ("M110", ReportNumber),
             ("M1100", Execute(None)),
             ("N3 M117 a;b*12", Refuse(Checksum)),
-            (r#"N3 M117 a*b*46"#, Execute(Some(3))),
-            (r#"N3 M118 **34"#, Execute(Some(3))),
+            ("N3 M117 a*b*46", Execute(Some(3))),
+            ("N3 M118 **34", Execute(Some(3))),
             (r#"N3 m117 "a*b*7"*19"#, Execute(Some(3))),
-            (r#"N3 M117 2*3*4 (6*4)*59"#, Execute(Some(3))),
+            ("N3 M117 2*3*4 (6*4)*59", Execute(Some(3))),
             ("N3 M117 a*b*47", Refuse(Checksum)),
             ("N3 M117 a*b", Refuse(Checksum)),
         ] {

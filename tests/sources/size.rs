@@ -6,7 +6,7 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
     ("proof", 28_200),
-    ("src", 33_800),
+    ("src", 33_950),
     ("tests", 38_900),
     ("xtask", 22_500),
 ];
