@@ -54,17 +54,39 @@ impl<I: Iterator<Item = u8>> WordReader<I> {
             match next {
                 b' ' => self.0.advance(),
                 b'\n' | b'\r' => return Boundary::LineEnd,
-                b'(' | b';' => *self = self.clone().after_comment(),
+                b'(' | b';' => match self.clone().after_comment() {
+                    Some(after) => *self = after,
+                    None => return Boundary::Other,
+                },
                 _ => return Boundary::Other,
             }
         }
     }
 
-    /// The reader after a comment, of which a semicolon's goes up to the end of the line.
+    /// The reader after a comment, of which a semicolon's goes up to the end of the line; `None` for a message to the
+    /// operator, `(MSG, text)`, which is no plain part of a line.
     #[cold]
     #[inline(never)]
-    fn after_comment(mut self) -> Self {
+    fn after_comment(mut self) -> Option<Self>
+    where
+        I: Clone,
+    {
         let end = if self.0.is_at(b'(') { b')' } else { b'\n' };
+        if end == b')' {
+            let mut message = self.clone();
+            message.0.advance();
+            while message.0.is_at(b' ') {
+                message.0.advance();
+            }
+            let is_next = |letter: &u8| {
+                let is_letter = message.0.peek().eq_ignore_ascii_case(letter);
+                message.0.advance();
+                is_letter
+            };
+            if b"MSG,".iter().all(is_next) {
+                return None;
+            }
+        }
         while !self.0.is_at_end() && !matches!(self.0.peek(), b'\n' | b'\r') {
             let is_last = self.0.is_at(end);
             self.0.advance();
@@ -72,7 +94,7 @@ impl<I: Iterator<Item = u8>> WordReader<I> {
                 break;
             }
         }
-        self
+        Some(self)
     }
 
     /// Whether the bytes have come to an end, and that of the line was not among them.

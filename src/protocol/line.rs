@@ -10,7 +10,7 @@ use heapless::Vec;
 pub const LINE_BYTES: usize = 256;
 
 /// Bytes of a comment that are kept, as a message to the operator.
-const COMMENT_BYTES: usize = 64;
+pub(super) const COMMENT_BYTES: usize = 64;
 
 /// The line is longer than [`LINE_BYTES`]: all of it is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -174,10 +174,21 @@ impl Line {
     /// Returns the text of a comment `(MSG, text)`, or nothing; what is too long is cut.
     #[must_use]
     pub fn message(&self) -> &[u8] {
-        match self.comment.as_slice() {
+        match self.comment() {
             [b'M' | b'm', b'S' | b's', b'G' | b'g', b',', text @ ..] => text.trim_ascii(),
             _ => &[],
         }
+    }
+
+    /// Returns the last comment in parentheses, or the one that is the message.
+    #[must_use]
+    pub fn comment(&self) -> &[u8] {
+        self.comment.trim_ascii()
+    }
+
+    /// Forgets the comment.
+    pub fn clear_comment(&mut self) {
+        self.comment.clear();
     }
 
     /// Becomes a copy of another line, in place.
@@ -269,7 +280,7 @@ mod tests {
     fn the_message_of_a_line_is_that_of_its_first_comment_that_has_one() {
         for (text, expected) in [
             ("T2M6(MSG, Insert 6 mm)", "Insert 6 mm"),
-            ("(msg,a)T2(b)(MSG,c)", "a"),
+            ("( msg,a)T2(b)(MSG,c)", "a"),
             ("(b)T2(MSG,c", "c"),
             ("T2(MSGc)(d)", ""),
             ("T2;(MSG,c)", ""),

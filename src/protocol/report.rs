@@ -330,6 +330,11 @@ pub fn tool_change(text: &mut Text, tool: u8, message: &[u8]) {
     text.word("]").end();
 }
 
+/// `[MSG:text]`: what a program says to its operator.
+pub fn operator_message(text: &mut Text, message: &[u8]) {
+    text.word("[MSG:").bytes(message).word("]").end();
+}
+
 /// `[MSG:Dwell of 789 s]`: what a program in which `P` is meant in ms would wait at each hole.
 pub fn long_dwell(text: &mut Text, seconds: u32) {
     text.word("[MSG:Dwell of ").natural(seconds);

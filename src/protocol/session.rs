@@ -17,6 +17,7 @@ mod host_commands;
 mod host_lines;
 mod machine_sync;
 mod notifications;
+mod operator_message;
 mod persistence;
 mod position_stream;
 mod program;
@@ -52,6 +53,7 @@ use crate::{
 use host::Host;
 use machine_sync::{LineBreak, MachineSync};
 use notifications::Reports;
+use operator_message::OperatorMessage;
 use persistence::{AfterStore, Persistence};
 use position_stream::PositionStream;
 use tool_change::ToolChange;
@@ -212,6 +214,7 @@ pub struct Session {
     /// Moves that `G64` may still change.
     blender: Blender,
     persistence: Persistence,
+    operator_message: OperatorMessage,
     compensator: Compensator,
     probing: ProbeRecord,
     tool_change: ToolChange,
@@ -264,6 +267,7 @@ impl Session {
             blender: Blender::new(),
             compensator: Compensator::new(),
             persistence: Persistence::new(stored),
+            operator_message: OperatorMessage::default(),
             probing: ProbeRecord::default(),
             tool_change: ToolChange::new(),
             host: Host::new(),
@@ -442,6 +446,11 @@ impl Session {
         };
         let work = if self.reports.is_pending() {
             work.union(Awaited::ROOM)
+        } else {
+            work
+        };
+        let work = if self.operator_message.is_waiting() {
+            work.union(Awaited::ENTRIES).union(Awaited::SEGMENTS)
         } else {
             work
         };

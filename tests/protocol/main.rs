@@ -8,6 +8,7 @@ mod drilling;
 mod flow;
 mod laws;
 mod machine;
+mod operator_messages;
 mod position_stream;
 mod program;
 #[path = "../support/random_lines.rs"]

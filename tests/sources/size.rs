@@ -7,7 +7,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
     ("proof", 28_200),
     ("src", 33_950),
-    ("tests", 38_900),
+    ("tests", 39_050),
     ("xtask", 22_500),
 ];
 

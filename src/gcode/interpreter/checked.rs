@@ -184,6 +184,12 @@ impl Checked {
         self.flow != Flow::Run
     }
 
+    /// Whether the program pauses with the line.
+    #[must_use]
+    pub fn pauses_program(&self) -> bool {
+        self.flow == Flow::Pause
+    }
+
     /// Whether the program ends with the line.
     #[must_use]
     pub fn ends_program(&self) -> bool {

@@ -52,7 +52,13 @@ impl Session {
         }
         match self.line.input.text() {
             Err(_) => self.refuse(LineError::LineOverflow),
-            Ok([]) => self.accept(),
+            Ok([]) => {
+                if self.waits_for_message(false) {
+                    return self.await_standstill();
+                }
+                self.keep_message(false, links.machine);
+                self.accept()
+            }
             Ok([b'$', ..]) if !self.is_stopped_host(links.machine) => {
                 self.execute_statement(condition, links)
             }

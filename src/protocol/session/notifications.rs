@@ -85,6 +85,9 @@ impl Session {
     /// Sends the message that waits, and all notices. Returns false when there is no room.
     #[inline]
     pub(super) fn send_pending(&mut self, links: &mut Links<'_, '_>) -> bool {
+        if self.reports.message.is_empty() {
+            self.report_passed_message(links.machine);
+        }
         self.reports.flush(links.sent)
             && (!self.reports.has_notices(links.machine) || self.send_notices(links))
     }

@@ -249,7 +249,9 @@ impl Session {
             return self.refuse(error);
         }
         let waits = self.line.checked.waits_for_standstill() && !self.waits_behind_move();
-        if waits && !self.is_done(machine) {
+        if waits && !self.is_done(machine)
+            || self.waits_for_message(self.line.checked.pauses_program())
+        {
             return self.await_standstill();
         }
         if let Source::NewStartup {
@@ -362,6 +364,7 @@ impl Session {
         let is_move = |command: &Command| matches!(command, Command::Line { .. });
         let drilling = self.line.outcome.commands.iter().position(is_move);
         self.line.drilling = drilling.filter(|_| self.line.checked.drills());
+        self.keep_message(self.line.checked.pauses_program(), machine);
         match self.line.outcome.message {
             Some(Message::EmptyToolTable) => {
                 report::feedback(&mut self.reports.message, Feedback::EmptyToolTable);

@@ -132,6 +132,7 @@ impl Session {
     pub(super) fn restart(&mut self) {
         self.line.input.clear();
         self.line.source = Source::Line;
+        self.operator_message.clear();
         self.interpreter.reset();
         if let Some(tool) = self.tool_before_check.take() {
             self.interpreter.set_loaded_tool(tool);

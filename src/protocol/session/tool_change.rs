@@ -95,6 +95,8 @@ impl Session {
         }
         let text = &mut self.reports.message;
         report::tool_change(text, self.tool_change.tool, self.line.input.message());
+        // The rest of the line has none.
+        self.line.input.clear_comment();
         self.send_own_commands(AfterCommands::ToolPause, links)
     }
 

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::{
-    deviation::{Deviation, of_answers, of_message},
+    deviation::{Deviation, of_answers, of_message, of_operator_message},
     exchange::{Report, differs_in_tool, is_rounded_otherwise, is_tie, tools},
     golden::{Run, Traits},
 };
@@ -56,7 +56,7 @@ pub(super) fn compare(run: &Run, played: &Played, traits: &Traits) -> Vec<Differ
     let figures = &played.figures;
     let mut found = Vec::new();
     compare_responses(run, figures, traits, &mut found);
-    compare_messages(run, figures, &mut found);
+    compare_messages(run, figures, &traits.lines, &mut found);
     let follows = follows_from_answers(&found);
     let answers = found.len();
     compare_steps(run, figures, traits, &mut found);
@@ -115,7 +115,7 @@ fn compare_responses(run: &Run, figures: &Figures, traits: &Traits, found: &mut 
     }
 }
 
-fn compare_messages(run: &Run, figures: &Figures, found: &mut Vec<Difference>) {
+fn compare_messages(run: &Run, figures: &Figures, lines: &[String], found: &mut Vec<Difference>) {
     // What the recording host noted about itself is no message of the machine.
     let recorded = run
         .messages
@@ -123,13 +123,13 @@ fn compare_messages(run: &Run, figures: &Figures, found: &mut Vec<Difference>) {
         .filter(|(_, text)| !text.starts_with("(host:"));
     let recorded: Vec<_> = recorded.collect();
     let messages = figures.messages.iter();
-    let (common, ours): (Vec<_>, Vec<_>) =
-        messages.partition(|(_, text)| of_message(text).is_some());
+    let why = |text: &str| of_message(text).or_else(|| of_operator_message(text, lines));
+    let (common, ours): (Vec<_>, Vec<_>) = messages.partition(|(_, text)| why(text).is_some());
     for (answers, text) in common {
         found.push(Difference {
             what: "message",
             text: format!("`{text}` after {answers} answers"),
-            by_design: of_message(text),
+            by_design: why(text),
         });
     }
     let changes_tool = Some(Deviation::ToolChange);

@@ -190,6 +190,9 @@ deviations! {
         "arcs with rounded numbers are taken",
         "an answer other than `error:33` or `error:34` to an arc, and the message `[MSG:I J K fit as \
          absolute: …]`";
+    OperatorMessages: "D60", false,
+        "messages of a program reach its operator",
+        "a line `[MSG:…]` after a comment `(MSG, …)`, or one beside M0 or M1";
 }
 
 impl Deviation {
@@ -259,6 +262,18 @@ pub(crate) fn of_message(ours: &str) -> Option<Deviation> {
     } else {
         None
     }
+}
+
+/// Why there may be a message that a program has for its operator, by the lines of the program.
+pub(crate) fn of_operator_message(ours: &str, lines: &[String]) -> Option<Deviation> {
+    let text = ours.strip_prefix("[MSG:")?.strip_suffix(']')?;
+    let says = |line: &String| {
+        let comment = line.split_once('(').map_or("", |it| it.1);
+        let (kind, rest) = comment.split_once(',').unwrap_or(("MSG", comment));
+        kind.trim().eq_ignore_ascii_case("MSG") && rest.trim().starts_with(text)
+    };
+    let is_there = !text.is_empty() && lines.iter().any(says);
+    is_there.then_some(Deviation::OperatorMessages)
 }
 
 /// Why a line may have another answer that is written as for LinuxCNC or by a post-processor.
@@ -472,6 +487,18 @@ mod tests {
             ("H1", "error:36", "error:20", None),
         ] {
             assert_eq!(of_answers(line, ours, theirs), expected, "{line}");
+        }
+    }
+
+    #[test]
+    fn a_message_is_one_of_the_program() {
+        let lines = ["G0 X1 (MSG, turn it over)", "M0 (and go on)"].map(str::to_owned);
+        for ours in ["[MSG:turn it over]", "[MSG:and go on]"] {
+            let expected = Some(Deviation::OperatorMessages);
+            assert_eq!(of_operator_message(ours, &lines), expected);
+        }
+        for other in ["[MSG:Pgm End]", "[MSG:]", "turn it over", "[PRB:and go on]"] {
+            assert_eq!(of_operator_message(other, &lines), None);
         }
     }
 
