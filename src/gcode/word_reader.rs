@@ -63,29 +63,15 @@ impl<I: Iterator<Item = u8>> WordReader<I> {
         }
     }
 
-    /// The reader after a comment, of which a semicolon's goes up to the end of the line; `None` for a message to the
-    /// operator, `(MSG, text)`, which is no plain part of a line.
+    /// The reader after a comment, of which a semicolon's goes up to the end of the line; `None` for what may be a message
+    /// to the operator, `(MSG, text)`, which is no plain part of a line.
     #[cold]
     #[inline(never)]
-    fn after_comment(mut self) -> Option<Self>
-    where
-        I: Clone,
-    {
+    fn after_comment(mut self) -> Option<Self> {
         let end = if self.0.is_at(b'(') { b')' } else { b'\n' };
-        if end == b')' {
-            let mut message = self.clone();
-            message.0.advance();
-            while message.0.is_at(b' ') {
-                message.0.advance();
-            }
-            let is_next = |letter: &u8| {
-                let is_letter = message.0.peek().eq_ignore_ascii_case(letter);
-                message.0.advance();
-                is_letter
-            };
-            if b"MSG,".iter().all(is_next) {
-                return None;
-            }
+        self.0.advance();
+        if end == b')' && matches!(self.0.peek(), b'M' | b'm' | b' ' | b'\t') {
+            return None;
         }
         while !self.0.is_at_end() && !matches!(self.0.peek(), b'\n' | b'\r') {
             let is_last = self.0.is_at(end);
