@@ -394,9 +394,27 @@ fn g6_only_where_allowed_idle_and_in_range() {
     let refused = "Error:the target cannot be reached (error:33)";
     assert_eq!(first(&mut machine, "G6 A1"), refused);
     assert_eq!(first(&mut machine, "G6 A-101 B-1"), refused);
-    machine.send_for(b"G1 X0 F600\nG6 A-45\n", 100);
-    let busy = "Error:only possible while the machine is idle (error:8)";
-    assert_eq!(machine.lines(), ["ok", busy, "ok"]);
+    let unused = "Error:no command uses one of the value words (error:36)";
+    for line in ["G6 X5", "G6 A-5 X5", "G6 A-5 E1", "G0 S2 X-5 A5"] {
+        assert_eq!(first(&mut machine, line), unused, "{line}");
+    }
+    assert_eq!(xy_mm(&machine), [-45, 20]);
+}
+
+#[test]
+fn g6_waits_until_the_machine_stands_still() {
+    let mut machine = reprap_with(&["784=1"]);
+    machine.send_for(b"G1 X10 F600\nG6 A45 F6000\nG6 B20 R F6000\n", 500);
+    assert_eq!(machine.lines(), ["ok"]);
+    machine.run_to_standstill();
+    assert_eq!(machine.lines(), ["ok", "ok"]);
+    assert_eq!(xy_mm(&machine), [45, 20]);
+    // A reset ends the wait.
+    machine.send_for(b"G1 X100 F600\nG6 A0 F6000\n", 500);
+    machine.answers_to("\x18");
+    machine.ask("M999");
+    assert_eq!(machine.ask("G6 B10 F6000"), ["ok"]);
+    assert_eq!(xy_mm(&machine)[1], 10);
 }
 
 #[test]

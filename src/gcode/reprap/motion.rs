@@ -118,6 +118,12 @@ pub(super) fn write_motors(
         return Err(LineError::NotIdle);
     }
     let is_relative = has(line, b'R');
+    for parameter in Parameters::new(line) {
+        let letter = parameter?.letter;
+        if !letters.contains(&letter) && !b"GFRSN".contains(&letter) {
+            return Err(LineError::UnusedWords);
+        }
+    }
     write(b"G53G1");
     for (axis, letter) in letters.into_iter().enumerate() {
         let Some(number) = value(line, letter)? else {

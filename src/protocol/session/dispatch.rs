@@ -77,10 +77,13 @@ impl Session {
     /// a step is done at once.
     pub(super) fn dispatch_at_standstill(&mut self, links: &mut Links<'_, '_>) -> Progress {
         self.flush_moves(links.entries);
-        if self.is_done(links.machine) {
-            self.dispatch(links)
-        } else {
+        if !self.is_done(links.machine) {
             Progress::Waiting
+        } else if core::mem::take(&mut self.host.waits_for_standstill) {
+            self.line.input.clear();
+            self.read_reprap(links)
+        } else {
+            self.dispatch(links)
         }
     }
 

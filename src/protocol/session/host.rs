@@ -60,6 +60,8 @@ pub(super) struct Host {
     pub(super) paused_at: Option<Axes<Nm>>,
     /// The line moves single motors.
     pub(super) moves_motors: bool,
+    /// The line is read again when the machine stands still: it moves motors.
+    pub(super) waits_for_standstill: bool,
     /// The limit switches of the axes that move end the line.
     pub(super) ends_at_switch: bool,
     /// Limits that the program has lowered.
@@ -113,6 +115,7 @@ impl Host {
             pause_ms: None,
             paused_at: None,
             moves_motors: false,
+            waits_for_standstill: false,
             ends_at_switch: false,
             lowered: None,
             drivers_delay_s: None,
@@ -139,6 +142,7 @@ impl Host {
         self.next_extruder = Extruder::START;
         self.paused_at = None;
         self.moves_motors = false;
+        self.waits_for_standstill = false;
         self.ends_at_switch = false;
         self.position_interval_s = 0;
         self.begin_job();

@@ -172,7 +172,7 @@ impl Session {
     }
 
     /// Reads the words of a line in the RepRap dialect, and executes them.
-    fn read_reprap(&mut self, links: &mut Links<'_, '_>) -> Progress {
+    pub(super) fn read_reprap(&mut self, links: &mut Links<'_, '_>) -> Progress {
         self.host.next_extruder = self.host.extruder;
         if self.stage == LineStage::Asleep && !self.host.raw.is_restart() {
             replies::asleep(&mut self.reports.message);
@@ -182,7 +182,8 @@ impl Session {
             self.take_words();
             return self.dispatch(links);
         }
-        let is_idle = self.is_done(links.machine) && links.machine.state == State::Idle;
+        let is_done = self.is_done(links.machine);
+        let is_idle = is_done && links.machine.state == State::Idle;
         let host = &mut self.host;
         let settings = &self.persistence.stored.settings;
         let context = LineModes {
@@ -198,6 +199,10 @@ impl Session {
         let input = &mut self.line.input;
         let meaning = match reprap::read(host.raw.words(), &context, |text| input.push(text)) {
             Ok(meaning) => meaning,
+            Err(LineError::NotIdle) if !is_done => {
+                host.waits_for_standstill = true;
+                return self.await_standstill();
+            }
             Err(error) => return self.refuse(error),
         };
         host.command = meaning.command;
