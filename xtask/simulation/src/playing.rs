@@ -5,9 +5,9 @@ use std::{borrow, cell::RefCell, collections::VecDeque, rc::Rc};
 use anyhow::{Error, Result, bail};
 use common::BAUD;
 use leadscrew::{
+    gcode::LineError,
     model::State,
     protocol::Dialect,
-    settings::Settings,
     sim::{Edge, PlayedSegment, Simulator, StepStatistics, Stream, StreamEnd, Watcher},
     units::TICKS_PER_SECOND,
 };
@@ -84,7 +84,11 @@ impl<S: borrow::BorrowMut<Simulator>, R: Recorder> Playing<S, R> {
         let source = Source {
             program,
             bytes: Vec::new().into_iter(),
-            next_number: numbers_lines(settings).then_some(-1),
+            numbering: if Dialect::of(settings).is_reprap() {
+                Numbering::ToBegin
+            } else {
+                Numbering::None
+            },
             observer: Rc::clone(&observer),
         };
         let mut stream = Stream::new(simulator, source, BAUD).with_statements_at_rest();
@@ -246,13 +250,14 @@ fn figures(simulator: &Simulator, statistics: &StepStatistics) -> Figures {
 /// The line with which a sender of the RepRap dialect begins.
 const RESET_NUMBERS: &[u8] = b"M110 N-1";
 
-/// Returns whether lines get numbers and checksums: in the RepRap dialect.
-fn numbers_lines(settings: &Settings) -> bool {
-    Dialect::of(settings).is_reprap()
-}
-
 /// Returns the reason of a refusal in the RepRap dialect.
 fn host_refusal(text: &str) -> Option<Response> {
+    if text.starts_with("Error:Line Number") {
+        return Some(Response::Error(LineError::LineNumber.number().into()));
+    }
+    if text.starts_with("Resend: ") {
+        return Some(Response::Error(LineError::Checksum.number().into()));
+    }
     if text.starts_with("echo:Unknown command") {
         return Some(Response::Error(20));
     }
@@ -277,12 +282,33 @@ fn numbered(number: i64, words: &[u8]) -> Vec<u8> {
     line
 }
 
+/// Returns whether the words of a line have a number before them and a checksum behind them.
+fn is_numbered(words: &[u8]) -> bool {
+    let [b'N' | b'n', digits @ ..] = words else {
+        return false;
+    };
+    let digits = digits.strip_prefix(b"-").unwrap_or(digits);
+    digits.first().is_some_and(u8::is_ascii_digit) && words.contains(&b'*')
+}
+
+/// How lines get numbers and checksums.
+#[derive(Debug, Clone, Copy)]
+enum Numbering {
+    /// The sender speaks Grbl.
+    None,
+    /// The first line says whether the program has its own.
+    ToBegin,
+    /// This is the number of the next line.
+    From(i64),
+    /// The program has them.
+    Own,
+}
+
 /// A program as a stream of bytes.
 struct Source<R> {
     program: Program,
     bytes: std::vec::IntoIter<u8>,
-    /// The number of the next line, where lines have numbers and checksums.
-    next_number: Option<i64>,
+    numbering: Numbering,
     observer: Rc<RefCell<Observer<R>>>,
 }
 
@@ -299,29 +325,36 @@ impl<R: Recorder> Iterator for Source<R> {
                 Ok(Some(line)) => {
                     observer.recorder.line(&line);
                     observer.read_lines += 1;
-                    if let Some(number) = &mut self.next_number {
-                        let words = words(&line);
-                        if words.is_empty() {
-                            // Nobody answers it.
-                            observer.skipped += 1;
-                            continue;
-                        }
-                        if *number < 0 {
+                    let words = words(&line);
+                    let is_host = !matches!(self.numbering, Numbering::None);
+                    if is_host && words.is_empty() {
+                        // Nobody answers it.
+                        observer.skipped += 1;
+                        continue;
+                    }
+                    let mut bytes = Vec::new();
+                    if let Numbering::ToBegin = self.numbering {
+                        let is_own = is_numbered(words);
+                        observer.sent_lines = Some(Vec::new());
+                        self.numbering = if is_own {
+                            Numbering::Own
+                        } else {
                             observer.sent_lines = Some(vec![0]);
                             observer.lines.push_back(None);
-                            self.bytes = numbered(*number, RESET_NUMBERS).into_iter();
-                            *number = 0;
-                        }
-                        let line = numbered(*number, words);
+                            bytes = numbered(-1, RESET_NUMBERS);
+                            Numbering::From(0)
+                        };
+                    }
+                    if let Numbering::From(number) = &mut self.numbering {
+                        bytes.extend(numbered(*number, words));
                         *number += 1;
                         observer.push_sent(words);
-                        let bytes = self.bytes.by_ref().chain(line);
-                        self.bytes = bytes.collect::<Vec<_>>().into_iter();
                     } else {
                         observer.push_sent(&line);
-                        let bytes = line.into_iter().chain([b'\n']);
-                        self.bytes = bytes.collect::<Vec<_>>().into_iter();
+                        bytes.extend(line);
+                        bytes.push(b'\n');
                     }
+                    self.bytes = bytes.into_iter();
                 }
                 Ok(None) => return None,
                 Err(error) => {
@@ -470,7 +503,7 @@ impl<R: Recorder> Watcher for Watched<R> {
         let observer = &mut *self.0.borrow_mut();
         let answers = observer.line_of(answers as u32).into();
         let text = String::from_utf8_lossy(message).into_owned();
-        observer.refused = host_refusal(&text).or(observer.refused);
+        observer.refused = observer.refused.or(host_refusal(&text));
         if text.starts_with("Grbl ") {
             // The welcome belongs to power-up, not to the program.
             return;
@@ -486,6 +519,16 @@ impl<R: Recorder> Watcher for Watched<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_line_with_a_number_and_a_checksum_is_known() {
+        for line in ["N3 T0*57", "n0*7", "N-1 M110 N-1*125", "N3 G1 X1 *57 ; a"] {
+            assert!(is_numbered(line.as_bytes()), "{line}");
+        }
+        for line in ["N3 T0", "T0*57", "G1 N3*57", "NaN*3", "", "M117 *N3"] {
+            assert!(!is_numbered(line.as_bytes()), "{line}");
+        }
+    }
 
     #[test]
     fn lines_get_numbers_and_checksums_as_printrun_gives_them() {

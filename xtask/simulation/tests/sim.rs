@@ -113,6 +113,29 @@ fn a_program_comes_from_standard_input_too() {
 }
 
 #[test]
+fn a_program_with_numbers_and_checksums_of_its_own_is_sent_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |program: &str| done(folder.path(), &["-", "--reprap"], program);
+    let right = "N0 M110 N2*127\n; a comment\n\nN3 G1 X2 F3000*4\nN4 G1 X0*100\n";
+    let output = run(right);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(
+        text(&output.stdout).contains("lines  5"),
+        "{}",
+        text(&output.stdout)
+    );
+    // From the middle of a program on, and with a wrong checksum: the machine asks for lines again.
+    for (program, error) in [
+        ("N3 G1 X2 F3000*4\nN4 G1 X0*100\n", "error:201"),
+        ("N0 M110 N2*127\nN3 G1 X9 F3000*4\n", "error:200"),
+    ] {
+        let output = run(program);
+        let lines = text(&output.stdout) + &text(&output.stderr);
+        assert!(!output.status.success() && lines.contains(error), "{lines}");
+    }
+}
+
+#[test]
 fn the_version_is_that_of_the_workspace() {
     let folder = tempfile::tempdir().unwrap();
     let run = done(folder.path(), &["--version"], "");
