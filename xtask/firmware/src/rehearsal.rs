@@ -11,6 +11,7 @@ use crate::{
     card, image,
 };
 use anyhow::{Context, Result, bail, ensure};
+use board_data::Input;
 use common::{cargo, tools, ui};
 
 /// The program that every board runs, and a homing cycle with short axes: its file, its settings, what the simulator is
@@ -107,8 +108,11 @@ fn jobs(board: &Board, folder: &Path) -> Result<Vec<String>> {
     fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let program = cargo::root().join(PROGRAM);
     let mut jobs = vec![job(&program, &folder.join("program.csv"), &[], &[])?];
-    // The simulator's second motor closes a switch of its own.
-    if wiring.second.is_empty() {
+    // The simulator's second motor closes a switch of its own. One that is polled is seen up to 1 ms later, some steps
+    // more or less.
+    let polled = wiring.polled();
+    let has_polled_limit = polled.iter().any(|input| matches!(input, Input::Limit(_)));
+    if wiring.second.is_empty() && !has_polled_limit {
         let homing = folder.join("homing.nc");
         fs::write(&homing, HOMING).with_context(|| format!("cannot write {}", homing.display()))?;
         let with = ["--locked", "--switches"];
