@@ -107,6 +107,8 @@ const START_STEPS: usize = 50;
 /// How far the lower switches are beyond the travel, and the probe's plate above the lower end of Z: the simulator's.
 const BEYOND_MM: f64 = 1.0;
 const PLATE_MM: f64 = 10.0;
+/// Longer than a record takes in an EEPROM, ms: 5 ms for each page, with six axes too.
+const STORING_MS: u64 = 400;
 /// Ctrl-X.
 const RESET: &[u8] = &[0x18];
 /// What a machine that moves nothing must not do.
@@ -440,7 +442,7 @@ fn power_cuts(right: PowerUp, is_short: bool) -> Vec<Act> {
             Act::CutAfter(*cut),
             // Its answer tells of what is cut.
             Act::Bytes(b"$121=300\n"),
-            Act::Rest(100),
+            Act::Rest(STORING_MS),
             Act::Want(Wanted::Cut),
             Act::Case(format!("after a cut: {cut:?}"), right),
             Act::Await("Grbl "),
