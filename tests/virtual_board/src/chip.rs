@@ -24,7 +24,7 @@ use rigless::{
         stm32f427::{
             self, PORTS, Stm32f427,
             generated::{dbg, gpioa, pwr, rcc as clock_registers},
-            peripherals::{flash::Flash, gpio, rcc},
+            peripherals::gpio,
         },
     },
     time::VirtualNanos,
@@ -359,7 +359,7 @@ impl Mcu for Chip {
         self.correct_voltage();
         self.timers = SmallTimers::new();
         self.capture = Capture::default();
-        self.flash.registers = Flash::with_clock(rcc::HSI_HZ);
+        FlashWithArray::reset(&mut self.flash);
         if let Some(supply) = std::num::NonZeroU32::new(self.models.pwr.supply()) {
             self.flash.registers.set_supply(supply);
         }

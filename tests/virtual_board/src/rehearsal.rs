@@ -278,11 +278,12 @@ fn everyday(axes: usize, has_limit: bool) -> Vec<Act> {
             Act::Await("Grbl "),
             Act::line("$X"),
             Act::line("$21=0"),
+            Act::State("Idle"),
+            Act::Compare,
         ]);
     }
     script.extend([
         Act::State("Idle"),
-        Act::Compare,
         Act::Want(Wanted::Position),
         Act::Want(Wanted::Resets(&["Pin"])),
     ]);

@@ -221,7 +221,10 @@ impl Watch {
                 );
             }
             Change::WhileBusy => {
-                self.fault("FLASH_CR is written while the flash is busy", by);
+                self.fault(
+                    "FLASH_CR or the flash is written while the flash is busy",
+                    by,
+                );
             }
             Change::Sets(address) => {
                 self.fault(

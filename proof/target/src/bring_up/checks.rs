@@ -305,7 +305,8 @@ const EMULATED_CYCLES: i64 = 2;
 
 /// Returns the allowed error of all times together: no more than that of a single time, so that a
 /// timer with an error of one cycle in each time is found. The emulator's timer loses part of a
-/// nanosecond each time it begins anew; the model of a virtual board a cycle at most.
+/// nanosecond each time it begins anew; the model of a virtual board a cycle at most, so that no such timer is found
+/// there.
 fn allowed_in_all(facts: &Facts, pushed: i64) -> i64 {
     if facts.are_emulated() {
         EMULATED_CYCLES + pushed / 4

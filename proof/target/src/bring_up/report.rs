@@ -68,7 +68,8 @@ impl Report {
 
     /// The name of its files.
     pub(super) fn name(&self) -> String {
-        let number = self.unique_number.as_deref().unwrap_or("emulated");
+        let number = self.unique_number.as_deref();
+        let number = number.filter(|_| !self.is_emulated).unwrap_or("emulated");
         format!("{}-{number}", self.board)
     }
 

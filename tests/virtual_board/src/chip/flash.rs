@@ -1,6 +1,6 @@
 //! The flash: the crate's model of its registers, and the array, which that lacks. A sector is erased when its erasure
 //! begins, and a word programmed when it is stored, RM0090 3.6.3 and 3.6.4; RM0383 3.5, RM0390 3.5. `BSY` tells of both
-//! until their time is over.
+//! from the second read on, as it comes some cycles late on chips, until their time is over.
 //!
 //! An erasure is over after some ms, not after the seconds of the data sheets: while the firmware looks at `BSY`, 100 ms
 //! of the board's time take a second of the host's.
@@ -38,7 +38,8 @@ pub(crate) enum Change {
     NotEnabled(u64),
     /// A store of another width than `PSIZE` says, which changes nothing and is an error: RM0090 3.6.2.
     OtherSize(u64),
-    /// A write to `CR` before what was begun is over, which stalls the bus until then: RM0090 3.6.1.
+    /// A write to `CR` or a store before what was begun is over. The chip's bus stalls until then, RM0090 3.6.1; here
+    /// the write to `CR` is lost.
     WhileBusy,
     /// A store that would set a bit which a store before has cleared: RM0090 3.6.4.
     Sets(u64),
@@ -58,7 +59,9 @@ pub(crate) struct FlashWithArray {
     /// How long an erasure takes.
     pub(crate) erase_ns: u64,
     /// The end of what makes the flash busy.
-    over: Option<EventId>,
+    end: Option<EventId>,
+    /// `BSY` has not been read since that began.
+    hides_busy: bool,
 }
 
 impl FlashWithArray {
@@ -70,7 +73,8 @@ impl FlashWithArray {
             changes: Vec::new(),
             is_cut: false,
             erase_ns: ERASE_NS,
-            over: None,
+            end: None,
+            hides_busy: false,
         }
     }
 
@@ -78,6 +82,13 @@ impl FlashWithArray {
     pub(crate) fn forget(&mut self, start: u64, bytes: u64) {
         self.programmed
             .retain(|address, _| !(start..start + bytes).contains(address));
+    }
+
+    /// The chip has been reset: nothing is under way.
+    pub(super) fn reset(&mut self) {
+        self.registers = Flash::with_clock(rcc::HSI_HZ);
+        self.end = None;
+        self.hides_busy = false;
     }
 
     /// Programs a word, or says why the chip does not.
@@ -104,7 +115,8 @@ impl FlashWithArray {
 
     fn be_busy(&mut self, ns: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
         registers.set(Register::Sr, sr::BSY.set(registers.get(Register::Sr), 1));
-        self.over = Some(context.schedule(VirtualNanos(context.now().0 + ns)));
+        self.hides_busy = true;
+        self.end = Some(context.schedule(VirtualNanos(context.now().0 + ns)));
     }
 
     /// Erases a sector; the registers are unlocked.
@@ -141,6 +153,9 @@ impl Device for FlashWithArray {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) -> Option<u64> {
+        if register == Register::Sr && std::mem::take(&mut self.hides_busy) {
+            return Some(sr::BSY.set(registers.get(register), 0));
+        }
         Device::read(&mut self.registers, register, registers, context)
     }
 
@@ -170,8 +185,8 @@ impl Device for FlashWithArray {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) {
-        if self.over == Some(event) {
-            self.over = None;
+        if self.end == Some(event) {
+            self.end = None;
             registers.set(Register::Sr, sr::BSY.set(registers.get(Register::Sr), 0));
         } else {
             Device::on_event(&mut self.registers, event, registers, context);
@@ -192,6 +207,9 @@ impl Device for FlashWithArray {
     ) -> bool {
         if self.is_cut {
             return true;
+        }
+        if sr::BSY.is_set(registers.get(Register::Sr)) {
+            self.changes.push(Change::WhileBusy);
         }
         match self.store(address, width, value, registers.get(Register::Cr)) {
             Ok(word) => {

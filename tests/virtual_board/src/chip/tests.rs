@@ -207,6 +207,7 @@ fn flash_is_programmed_and_erased_until_the_supply_is_cut() {
     rig.write(FLASH_CR, 0x201);
     rig.write(place, 0x1234);
     assert_eq!(rig.memory.0.get(&place), Some(&0x1234));
+    assert_eq!(rig.read(FLASH_SR) >> 16, 0, "it is not told at once");
     assert_eq!(rig.read(FLASH_SR) >> 16, 1, "it is busy");
     rig.write(FLASH_CR, 0x200);
     rig.wait(100_000);
@@ -221,6 +222,7 @@ fn flash_is_programmed_and_erased_until_the_supply_is_cut() {
     assert_eq!(std::mem::take(&mut rig.chip.flash.changes), expected);
     assert_eq!(rig.memory.0.get(&place), Some(&0xFFFF_FFFF));
     rig.chip.flash.is_cut = true;
+    rig.read(FLASH_SR);
     assert_eq!(rig.read(FLASH_SR) >> 16, 1, "it is busy");
     rig.wait(200_000_000);
     assert_eq!(rig.read(FLASH_SR) >> 16, 0);
