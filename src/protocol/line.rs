@@ -180,6 +180,15 @@ impl Line {
         }
     }
 
+    /// Returns the text of a comment, with or without `MSG,` before it.
+    #[must_use]
+    pub fn text_of_comment(&self) -> &[u8] {
+        match self.comment() {
+            [b'M' | b'm', b'S' | b's', b'G' | b'g', b',', ..] => self.message(),
+            comment => comment,
+        }
+    }
+
     /// Returns the last comment in parentheses, or the one that is the message.
     #[must_use]
     pub fn comment(&self) -> &[u8] {

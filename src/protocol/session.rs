@@ -53,7 +53,7 @@ use crate::{
 use host::Host;
 use machine_sync::{LineBreak, MachineSync};
 use notifications::Reports;
-use operator_message::OperatorMessage;
+use operator_message::OperatorMessages;
 use persistence::{AfterStore, Persistence};
 use position_stream::PositionStream;
 use tool_change::ToolChange;
@@ -214,7 +214,7 @@ pub struct Session {
     /// Moves that `G64` may still change.
     blender: Blender,
     persistence: Persistence,
-    operator_message: OperatorMessage,
+    operator_messages: OperatorMessages,
     compensator: Compensator,
     probing: ProbeRecord,
     tool_change: ToolChange,
@@ -267,7 +267,7 @@ impl Session {
             blender: Blender::new(),
             compensator: Compensator::new(),
             persistence: Persistence::new(stored),
-            operator_message: OperatorMessage::default(),
+            operator_messages: OperatorMessages::default(),
             probing: ProbeRecord::default(),
             tool_change: ToolChange::new(),
             host: Host::new(),
@@ -449,7 +449,7 @@ impl Session {
         } else {
             work
         };
-        let work = if self.operator_message.is_waiting() {
+        let work = if self.operator_messages.are_waiting() {
             work.union(Awaited::ENTRIES).union(Awaited::SEGMENTS)
         } else {
             work

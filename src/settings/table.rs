@@ -128,7 +128,7 @@ pub(super) static TABLE: &[Row] = &[
     row(100, SettingGroup::Axes, Grbl, "resolution", "step/mm", AxisResolution(|s| &mut s.steps_per_mm)).checked(rules::resolution_is_possible).adjusting(rules::belts_have_one_resolution),
     row(110, SettingGroup::Axes, Grbl, "largest speed", MM_MIN, axis_divisor(|s| &mut s.max_rate_mm_min)).checked(rules::step_rate_is_possible),
     row(120, SettingGroup::Axes, Grbl, "acceleration", "mm/s²", axis_divisor(|s| &mut s.acceleration_mm_s2)),
-    row(130, SettingGroup::Axes, Grbl, "travel, 0 for no soft limits", MM, axis_number(|s| &mut s.max_travel_mm)),
+    row(130, SettingGroup::Axes, Grbl, "travel; with 0 no soft limits, and no homing", MM, axis_number(|s| &mut s.max_travel_mm)),
     row(341, Tools, Extension, "tool change: 0 waits for the operator, 4 ignores M6", "", byte(|s| &mut s.tool_change)).checked(rules::tool_change_is_known),
     row(780, Host, Extension, "dialect: 0 Grbl, 1 RepRap, 2 Grbl with checked lines", "", byte(|s| &mut s.dialect)).checked(rules::dialect_is_known),
     row(781, Host, Extension, "RepRap: axis that E drives, 4 for A and so on, 0 counts only", "", byte(|s| &mut s.extruder_axis)).checked(rules::extruder_is_an_axis),

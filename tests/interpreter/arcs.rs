@@ -76,6 +76,8 @@ fn a_full_circle_is_one_turn_back_to_the_start_in_every_plane() {
     assert_eq!(error(&["G2K5F10"]), LineError::NoAxisWords);
     assert_eq!(error(&["G2Z1R5F10"]), LineError::NoAxisWordsInPlane);
     assert_eq!(error(&["G90.1G2I5F10"]), LineError::NoOffsetsInPlane);
+    assert_eq!(error(&["G2I0F10"]), LineError::InvalidTarget);
+    assert_eq!(error(&["G2Z1I0J0F10"]), LineError::InvalidTarget);
     for line in ["G1F10", "G2X1I.5F10", "G80"] {
         let word = if line.starts_with("G2") { "R5" } else { "I5" };
         assert_eq!(error(&[line, word]), LineError::UnusedWords, "{line}");
@@ -89,6 +91,8 @@ fn arcs_with_rounded_numbers_have_linuxcncs_tolerances() {
     for (accepted, refused) in [
         ("G2X10.0282I5F10", "G2X10.0283I5F10"),
         ("G2X.2282I.1F10", "G2X.2283I.1F10"),
+        ("G2X.004Y.001I.001F10", "G2X.02Y.01I.001F10"),
+        ("G2X.002I.0005F10", "G2X.028I.0005F10"),
         ("G2X200.1I100F10", "G2X200.1002I100F10"),
         ("G20G2X2.00282I1F10", "G20G2X2.00284I1F10"),
         ("G20G2X20.01I10F10", "G20G2X20.0101I10F10"),

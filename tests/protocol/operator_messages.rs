@@ -58,13 +58,44 @@ fn a_message_comes_when_the_machine_does_to_its_line() {
 #[test]
 fn a_message_does_not_stop_the_machine() {
     let moves = ["G1 X10 F6000", "G1 X20", "G1 X30"];
-    let with_message = ["G1 X10 F6000", "(MSG, no stop)", "G1 X20", "G1 X30"];
+    let with_message = [
+        "G1 X10 F6000 (MSG, no stop)",
+        "(MSG, nor here)",
+        "G1 X20 (MSG, nor here)",
+        "G1 X30 (MSG, nor there)",
+    ];
     let times = [&moves[..], &with_message[..]].map(|lines| {
         let mut machine = machine();
         messages(&mut machine, lines);
         machine.now()
     });
     assert_eq!(times[0], times[1]);
+}
+
+#[test]
+fn a_message_waits_for_a_move_that_compensation_holds() {
+    let lines = [
+        "G41.1 D2",
+        "G1 X5 F600",
+        "G1 X25",
+        "(MSG, at the corner)",
+        "G1 Y30",
+        "G40",
+        "G1 X0",
+    ];
+    let reported = messages(&mut machine(), &lines);
+    let [(text, steps)] = reported.as_slice() else {
+        panic!("{reported:?}");
+    };
+    assert_eq!(text, "[MSG:at the corner]");
+    assert!((23 * 80..=27 * 80).contains(steps), "{steps}");
+}
+
+#[test]
+fn a_line_without_a_number_has_a_message_among_checked_ones() {
+    let mut bench = Bench::set(&["780=2"]);
+    assert_eq!(bench.ask("(MSG, plain)"), ["[MSG:plain]", "ok"]);
+    assert_eq!(bench.ask("(plain)"), ["ok"]);
 }
 
 #[test]
@@ -80,6 +111,7 @@ fn a_machine_at_rest_and_one_that_only_checks_report_at_once() {
     for (line, answer) in [
         ("(hello)", "ok"),
         ("(MSG,)", "ok"),
+        ("M0 (MSG, )", "ok"),
         (";(MSG, a)", "ok"),
         ("G1 X5 (a)", "ok"),
         ("G33 (MSG, a)", "error:20"),
@@ -94,6 +126,10 @@ fn a_reset_drops_the_message_of_a_line_that_is_not_reached() {
     let mut machine = machine();
     machine.send("G1 X100 F600\n(MSG, never)\n");
     for _ in 0..2000 {
+        machine.advance();
+    }
+    machine.send("!");
+    while machine.state() != State::HoldComplete {
         machine.advance();
     }
     let lines = machine.answers_to("\x18");

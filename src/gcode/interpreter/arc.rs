@@ -16,7 +16,7 @@ use crate::{
 /// its `rs274`; Grbl's 0.005 mm are less).
 const RADIUS_TOLERANCE_MM: f32 = 0.028_284;
 const RADIUS_TOLERANCE_INCHES: f32 = 0.002_828_4;
-/// The same where one end is the centre, for Grbl: there is no arc then.
+/// The same where an end is no farther from the centre than [`SHORT_RADIUS_MM`], for Grbl: LinuxCNC has no arc then.
 const POINT_TOLERANCE_MM: f32 = 0.005;
 /// Differences above so many times that are never accepted.
 const RADIUS_LIMIT: f32 = 100.0;
@@ -72,6 +72,9 @@ pub(super) fn movement(
             }
         });
         check_radii(chord, centre, parsed.modal.units)?;
+        if centre == [Nm(0); 2] && !parsed.has_axis(first) && !parsed.has_axis(second) {
+            return Err(LineError::InvalidTarget);
+        }
         centre
     };
     let turns = turns(parsed, unused)?;
@@ -160,7 +163,7 @@ fn check_radii(chord: [Nm; 2], centre: [Nm; 2], units: Units) -> Result<(), Line
     let end_radius = libm::hypotf((x - i) as f32, (y - j) as f32);
     let difference = (difference_sqr as f32).abs() / (radius + end_radius);
     let tolerance = match units {
-        _ if radius == 0.0 || end_radius == 0.0 => POINT_TOLERANCE_MM,
+        _ if radius.min(end_radius) < SHORT_RADIUS_MM as f32 => POINT_TOLERANCE_MM,
         Units::Millimetres => RADIUS_TOLERANCE_MM,
         Units::Inches => RADIUS_TOLERANCE_INCHES * MM_PER_INCH,
     };

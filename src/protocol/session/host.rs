@@ -175,6 +175,7 @@ impl Host {
     /// Requests a reset.
     pub(super) fn restart(&mut self, restart: Restart) {
         self.restart = restart;
+        self.waits_for_standstill = false;
     }
 }
 

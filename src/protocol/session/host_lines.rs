@@ -109,6 +109,8 @@ impl Session {
             Verdict::Execute(_) | Verdict::SetNumber(_) if has_lost => {
                 return self.ask_again(FailedCheck::Checksum, links);
             }
+            // A comment may be a message.
+            Verdict::Blank if !host.raw.is_too_long() => {}
             Verdict::Blank => return self.accept(),
             Verdict::Execute(Some(_)) | Verdict::Refuse(_) if is_stale && host.raw.has_number() => {
                 return self.accept();

@@ -1,7 +1,7 @@
 //! Messages of a program to its operator, `(MSG, text)` and `M0 (text)`: sent when the machine comes to their line, without
 //! a stop. As LinuxCNC and grblHAL do.
 
-use heapless::Vec;
+use heapless::{Deque, Vec};
 
 use super::{Session, Source};
 use crate::{
@@ -10,23 +10,30 @@ use crate::{
     protocol::{line::COMMENT_BYTES, report},
 };
 
+/// Messages that may wait: before one more, the machine comes to rest.
+const MESSAGES: usize = 4;
+
 /// A message for which the machine has still to come to its line.
-#[derive(Debug, Default)]
-pub(super) struct OperatorMessage {
+#[derive(Debug)]
+struct OperatorMessage {
     text: Vec<u8, COMMENT_BYTES>,
-    /// The number of entries that are finished then, wrapping; `None` without a message.
-    due: Option<u32>,
+    /// The number of entries that are finished then, wrapping.
+    due: u32,
 }
 
-impl OperatorMessage {
+/// Those of the program, in their order.
+#[derive(Debug, Default)]
+pub(super) struct OperatorMessages(Deque<OperatorMessage, MESSAGES>);
+
+impl OperatorMessages {
     /// Returns whether there is one.
-    pub(super) const fn is_waiting(&self) -> bool {
-        self.due.is_some()
+    pub(super) fn are_waiting(&self) -> bool {
+        !self.0.is_empty()
     }
 
-    /// Drops it.
+    /// Drops all.
     pub(super) fn clear(&mut self) {
-        self.due = None;
+        self.0.clear();
     }
 }
 
@@ -35,17 +42,17 @@ impl Session {
     fn operator_text(&self, is_pause: bool) -> &[u8] {
         let input = &self.line.input;
         let is_shown = self.line.source == Source::Line && !self.host.dialect.is_reprap();
-        match (is_shown, input.message()) {
+        match (is_shown, is_pause) {
             (false, _) => &[],
-            (true, []) if is_pause => input.comment(),
-            (true, message) => message,
+            (true, true) => input.text_of_comment(),
+            (true, false) => input.message(),
         }
     }
 
-    /// Returns whether the line has a message, while another one still waits.
+    /// Returns whether the line has a message for which there is no room.
     #[inline]
     pub(super) fn waits_for_message(&self, is_pause: bool) -> bool {
-        self.operator_message.is_waiting() && !self.operator_text(is_pause).is_empty()
+        self.operator_messages.0.is_full() && !self.operator_text(is_pause).is_empty()
     }
 
     /// Keeps the message of the line, if it has one, until the entries that have been sent are finished.
@@ -65,27 +72,33 @@ impl Session {
         }
         // Too long a text has been cut before.
         let text = Vec::from_slice(text).unwrap_or_default();
-        let has_passed = machine.state == State::Check || self.is_done(machine);
-        if has_passed {
+        // A move that is held back may still be joined with others, or be changed by the next one.
+        let is_held_back = self.blender.has_pending() || self.compensator.is_waiting();
+        let has_passed = self.is_done(machine) && !is_held_back;
+        if machine.state == State::Check || has_passed {
             report::operator_message(&mut self.reports.message, &text);
             return;
         }
-        // A move that is held back may still be joined with others.
-        let is_held_back = u32::from(self.blender.has_pending());
-        self.operator_message = OperatorMessage {
-            text,
-            due: Some(self.machine_sync.entered.wrapping_add(is_held_back)),
-        };
+        let due = self.machine_sync.entered;
+        let due = due.wrapping_add(u32::from(is_held_back));
+        // There is room: else the line would have waited.
+        let _ = self
+            .operator_messages
+            .0
+            .push_back(OperatorMessage { text, due });
     }
 
-    /// Writes the message that waits, if the machine has come to its line.
+    /// Writes the oldest message that waits, if the machine has come to its line.
     #[inline]
     pub(super) fn report_passed_message(&mut self, machine: &Snapshot) {
-        if let Some(due) = self.operator_message.due
-            && machine.finished.wrapping_sub(due).cast_signed() >= 0
+        let has_passed = |message: &OperatorMessage| {
+            machine.finished.wrapping_sub(message.due).cast_signed() >= 0
+        };
+        let messages = &mut self.operator_messages.0;
+        if messages.front().is_some_and(has_passed)
+            && let Some(message) = messages.pop_front()
         {
-            report::operator_message(&mut self.reports.message, &self.operator_message.text);
-            self.operator_message.clear();
+            report::operator_message(&mut self.reports.message, &message.text);
         }
     }
 }

@@ -24,6 +24,7 @@ impl Session {
             return;
         }
         self.machine_sync.reset_count = reset_count;
+        self.operator_messages.clear();
         if matches!(self.stage, LineStage::Storing(_)) {
             self.persistence.defer();
         }
@@ -132,7 +133,6 @@ impl Session {
     pub(super) fn restart(&mut self) {
         self.line.input.clear();
         self.line.source = Source::Line;
-        self.operator_message.clear();
         self.interpreter.reset();
         if let Some(tool) = self.tool_before_check.take() {
             self.interpreter.set_loaded_tool(tool);

@@ -288,7 +288,16 @@ fn is_numbered(words: &[u8]) -> bool {
         return false;
     };
     let digits = digits.strip_prefix(b"-").unwrap_or(digits);
-    digits.first().is_some_and(u8::is_ascii_digit) && words.contains(&b'*')
+    let asterisk = words.iter().rposition(|byte| *byte == b'*');
+    let checksum = asterisk.map_or(&[][..], |at| words[at + 1..].trim_ascii());
+    let is_checksum = !checksum.is_empty() && checksum.iter().all(u8::is_ascii_digit);
+    digits.first().is_some_and(u8::is_ascii_digit) && is_checksum
+}
+
+/// Returns whether words are nothing but a comment in parentheses.
+fn is_comment(words: &[u8]) -> bool {
+    let end = words.iter().position(|byte| *byte == b')');
+    words.first() == Some(&b'(') && end.is_none_or(|end| end + 1 == words.len())
 }
 
 /// How lines get numbers and checksums.
@@ -296,11 +305,11 @@ fn is_numbered(words: &[u8]) -> bool {
 enum Numbering {
     /// The sender speaks Grbl.
     None,
-    /// The first line says whether the program has its own.
+    /// With the first line.
     ToBegin,
     /// This is the number of the next line.
     From(i64),
-    /// The program has them.
+    /// The program has its own, from some line on.
     Own,
 }
 
@@ -333,17 +342,22 @@ impl<R: Recorder> Iterator for Source<R> {
                         continue;
                     }
                     let mut bytes = Vec::new();
-                    if let Numbering::ToBegin = self.numbering {
-                        let is_own = is_numbered(words);
-                        observer.sent_lines = Some(Vec::new());
-                        self.numbering = if is_own {
-                            Numbering::Own
-                        } else {
+                    if is_host && is_numbered(words) {
+                        observer.sent_lines.get_or_insert_default();
+                        self.numbering = Numbering::Own;
+                    }
+                    match self.numbering {
+                        Numbering::ToBegin => {
                             observer.sent_lines = Some(vec![0]);
                             observer.lines.push_back(None);
                             bytes = numbered(-1, RESET_NUMBERS);
-                            Numbering::From(0)
-                        };
+                            self.numbering = Numbering::From(0);
+                        }
+                        Numbering::Own if is_comment(words) => {
+                            observer.skipped += 1;
+                            continue;
+                        }
+                        _ => {}
                     }
                     if let Numbering::From(number) = &mut self.numbering {
                         bytes.extend(numbered(*number, words));
@@ -522,12 +536,16 @@ mod tests {
 
     #[test]
     fn a_line_with_a_number_and_a_checksum_is_known() {
-        for line in ["N3 T0*57", "n0*7", "N-1 M110 N-1*125", "N3 G1 X1 *57 ; a"] {
+        for line in ["N3 T0*57", "n0*7", "N-1 M110 N-1*125", "N3 G1 X1 *57 "] {
             assert!(is_numbered(line.as_bytes()), "{line}");
         }
-        for line in ["N3 T0", "T0*57", "G1 N3*57", "NaN*3", "", "M117 *N3"] {
+        let others = [
+            "N3 T0", "T0*57", "G1 N3*57", "NaN*3", "", "M117 *N3", "N1 (2*3)",
+        ];
+        for line in others {
             assert!(!is_numbered(line.as_bytes()), "{line}");
         }
+        assert!(is_comment(b"(a)") && is_comment(b"(a") && !is_comment(b"(a) G1"));
     }
 
     #[test]

@@ -116,11 +116,11 @@ fn a_program_comes_from_standard_input_too() {
 fn a_program_with_numbers_and_checksums_of_its_own_is_sent_as_it_is() {
     let folder = tempfile::tempdir().unwrap();
     let run = |program: &str| done(folder.path(), &["-", "--reprap"], program);
-    let right = "N0 M110 N2*127\n; a comment\n\nN3 G1 X2 F3000*4\nN4 G1 X0*100\n";
+    let right = "%\nG21\n(2*3)\nN0 M110 N2*127\n; a comment\n(one more)\n\nN3 G1 X2 F3000*4\nN4 G1 X0*100\n";
     let output = run(right);
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(
-        text(&output.stdout).contains("lines  5"),
+        text(&output.stdout).contains("lines  9"),
         "{}",
         text(&output.stdout)
     );
