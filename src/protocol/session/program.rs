@@ -272,6 +272,10 @@ impl Session {
         if self.line.source != Source::Line {
             return;
         }
+        #[cfg(arc_machine)]
+        if self.stored_program.is_running() {
+            return;
+        }
         let text = self.line.input.text().unwrap_or_default();
         let settings = &self.persistence.stored.settings;
         let interpreter = &self.interpreter;
