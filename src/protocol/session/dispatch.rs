@@ -79,7 +79,9 @@ impl Session {
         self.flush_moves(links.entries);
         if !self.is_done(links.machine) {
             Progress::Waiting
-        } else if core::mem::take(&mut self.host.waits_for_standstill) {
+        } else if self.host.dialect.is_reprap()
+            && core::mem::take(&mut self.host.waits_for_standstill)
+        {
             self.line.input.clear();
             self.read_reprap(links)
         } else {
