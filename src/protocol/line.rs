@@ -174,18 +174,20 @@ impl Line {
     /// Returns the text of a comment `(MSG, text)`, or nothing; what is too long is cut.
     #[must_use]
     pub fn message(&self) -> &[u8] {
-        match self.comment() {
-            [b'M' | b'm', b'S' | b's', b'G' | b'g', b',', text @ ..] => text.trim_ascii(),
-            _ => &[],
-        }
+        self.message_text().unwrap_or_default()
     }
 
     /// Returns the text of a comment, with or without `MSG,` before it.
     #[must_use]
-    pub fn text_of_comment(&self) -> &[u8] {
+    pub fn comment_text(&self) -> &[u8] {
+        self.message_text().unwrap_or_else(|| self.comment())
+    }
+
+    /// Returns what follows `MSG,` in the comment, `None` without that.
+    fn message_text(&self) -> Option<&[u8]> {
         match self.comment() {
-            [b'M' | b'm', b'S' | b's', b'G' | b'g', b',', ..] => self.message(),
-            comment => comment,
+            [b'M' | b'm', b'S' | b's', b'G' | b'g', b',', text @ ..] => Some(text.trim_ascii()),
+            _ => None,
         }
     }
 

@@ -16,14 +16,14 @@ use crate::{
 /// its `rs274`; Grbl's 0.005 mm are less).
 const RADIUS_TOLERANCE_MM: f32 = 0.028_284;
 const RADIUS_TOLERANCE_INCHES: f32 = 0.002_828_4;
-/// The same where an end is no farther from the centre than [`SHORT_RADIUS_MM`], for Grbl: LinuxCNC has no arc then.
-const POINT_TOLERANCE_MM: f32 = 0.005;
+/// The same where an end is no farther from the centre than [`RADIUS_SHORTFALL_MM`], for Grbl: LinuxCNC has no arc then.
+const ZERO_RADIUS_TOLERANCE_MM: f32 = 0.005;
 /// Differences above so many times that are never accepted.
-const RADIUS_LIMIT: f32 = 100.0;
+const RADIUS_LIMIT_FACTOR: f32 = 100.0;
 /// Differences in between are accepted up to this part of the larger radius.
 const RADIUS_PART: f32 = 0.001;
 /// Most by which `R` may be shorter than half of the distance, mm (LinuxCNC 2.9, measured).
-const SHORT_RADIUS_MM: f64 = 0.001_27;
+const RADIUS_SHORTFALL_MM: f64 = 0.001_27;
 /// Most by which a diameter may be shorter than the distance, as a part of its square: less than the
 /// single precision of Grbl can distinguish.
 const DIAMETER_SLACK: f64 = 1.0e-6;
@@ -133,7 +133,7 @@ fn centre_from_radius(
     let diameter_sqr = 4.0 * r * r;
     let mut remainder = diameter_sqr - chord_sqr;
     if remainder < 0.0 {
-        let is_short = 0.5 * libm::sqrt(chord_sqr) - libm::fabs(r) > SHORT_RADIUS_MM;
+        let is_short = 0.5 * libm::sqrt(chord_sqr) - libm::fabs(r) > RADIUS_SHORTFALL_MM;
         if is_short && remainder < -DIAMETER_SLACK * diameter_sqr {
             return Err(LineError::ArcRadius);
         }
@@ -163,12 +163,12 @@ fn check_radii(chord: [Nm; 2], centre: [Nm; 2], units: Units) -> Result<(), Line
     let end_radius = libm::hypotf((x - i) as f32, (y - j) as f32);
     let difference = (difference_sqr as f32).abs() / (radius + end_radius);
     let tolerance = match units {
-        _ if radius.min(end_radius) < SHORT_RADIUS_MM as f32 => POINT_TOLERANCE_MM,
+        _ if radius.min(end_radius) < RADIUS_SHORTFALL_MM as f32 => ZERO_RADIUS_TOLERANCE_MM,
         Units::Millimetres => RADIUS_TOLERANCE_MM,
         Units::Inches => RADIUS_TOLERANCE_INCHES * MM_PER_INCH,
     };
     let is_accepted = difference <= tolerance
-        || difference <= RADIUS_LIMIT * tolerance
+        || difference <= RADIUS_LIMIT_FACTOR * tolerance
             && difference <= RADIUS_PART * radius.max(end_radius);
     if is_accepted {
         Ok(())

@@ -56,7 +56,7 @@ impl Session {
                 if self.waits_for_message(false) {
                     return self.await_standstill();
                 }
-                self.keep_message(false, links.machine);
+                self.queue_message(false, links.machine);
                 self.accept()
             }
             Ok([b'$', ..]) if !self.is_stopped_host(links.machine) => {

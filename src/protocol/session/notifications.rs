@@ -86,7 +86,7 @@ impl Session {
     #[inline]
     pub(super) fn send_pending(&mut self, links: &mut Links<'_, '_>) -> bool {
         if self.reports.message.is_empty() {
-            self.report_passed_message(links.machine);
+            self.report_due_message(links.machine);
         }
         self.reports.flush(links.sent)
             && (!self.reports.has_notices(links.machine) || self.send_notices(links))

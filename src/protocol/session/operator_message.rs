@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// Messages that may wait: before one more, the machine comes to rest.
-const MESSAGES: usize = 4;
+const MAX_WAITING: usize = 4;
 
 /// A message for which the machine has still to come to its line.
 #[derive(Debug)]
@@ -23,7 +23,7 @@ struct OperatorMessage {
 
 /// Those of the program, in their order.
 #[derive(Debug, Default)]
-pub(super) struct OperatorMessages(Deque<OperatorMessage, MESSAGES>);
+pub(super) struct OperatorMessages(Deque<OperatorMessage, MAX_WAITING>);
 
 impl OperatorMessages {
     /// Returns whether there is one.
@@ -44,7 +44,7 @@ impl Session {
         let is_shown = self.line.source == Source::Line && !self.host.dialect.is_reprap();
         match (is_shown, is_pause) {
             (false, _) => &[],
-            (true, true) => input.text_of_comment(),
+            (true, true) => input.comment_text(),
             (true, false) => input.message(),
         }
     }
@@ -57,15 +57,15 @@ impl Session {
 
     /// Keeps the message of the line, if it has one, until the entries that have been sent are finished.
     #[inline]
-    pub(super) fn keep_message(&mut self, is_pause: bool, machine: &Snapshot) {
+    pub(super) fn queue_message(&mut self, is_pause: bool, machine: &Snapshot) {
         if !self.line.input.comment().is_empty() {
-            self.keep_comment(is_pause, machine);
+            self.queue_comment(is_pause, machine);
         }
     }
 
     #[cold]
     #[inline(never)]
-    fn keep_comment(&mut self, is_pause: bool, machine: &Snapshot) {
+    fn queue_comment(&mut self, is_pause: bool, machine: &Snapshot) {
         let text = self.operator_text(is_pause);
         if text.is_empty() {
             return;
@@ -90,7 +90,7 @@ impl Session {
 
     /// Writes the oldest message that waits, if the machine has come to its line.
     #[inline]
-    pub(super) fn report_passed_message(&mut self, machine: &Snapshot) {
+    pub(super) fn report_due_message(&mut self, machine: &Snapshot) {
         let has_passed = |message: &OperatorMessage| {
             machine.finished.wrapping_sub(message.due).cast_signed() >= 0
         };

@@ -368,7 +368,7 @@ impl Session {
         let is_move = |command: &Command| matches!(command, Command::Line { .. });
         let drilling = self.line.outcome.commands.iter().position(is_move);
         self.line.drilling = drilling.filter(|_| self.line.checked.drills());
-        self.keep_message(self.line.checked.pauses_program(), machine);
+        self.queue_message(self.line.checked.pauses_program(), machine);
         match self.line.outcome.message {
             Some(Message::EmptyToolTable) => {
                 report::feedback(&mut self.reports.message, Feedback::EmptyToolTable);

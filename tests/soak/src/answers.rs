@@ -3,8 +3,6 @@
 use grbl_client::Report;
 use leadscrew::{axis::AXES, gcode::LineError, model::Alarm, settings::Setting};
 
-/// What random lines say to the operator (`tests/support/random_lines.rs`), of which histories damage some letters.
-const TO_OPERATOR: &str = "hello";
 /// What a message may tell.
 const MESSAGES: [&str; 27] = [
     "Reset to continue",
@@ -97,9 +95,13 @@ pub(crate) fn is_known_to_hosts(line: &str) -> bool {
         || !line.starts_with("error:") && !line.starts_with("Grbl") && is_known(line)
 }
 
-fn is_to_operator(text: &str) -> bool {
-    let rest = text.chars().filter(|letter| TO_OPERATOR.contains(*letter));
-    text.len() <= 2 * TO_OPERATOR.len() && rest.count() + 2 >= TO_OPERATOR.len()
+/// Whether a line is a message that the program has for its operator: its text has been sent behind a parenthesis.
+pub(crate) fn is_of_program(line: &str, sent: &[u8]) -> bool {
+    let text = line.strip_prefix("[MSG:");
+    let text = text.and_then(|it| it.strip_suffix(']')).unwrap_or_default();
+    let behind = sent.splitn(2, |byte| *byte == b'(').nth(1);
+    let mut windows = behind.unwrap_or_default().windows(text.len().max(1));
+    windows.any(|window| window == text.as_bytes())
 }
 
 fn is_known_in_brackets(words: &str) -> bool {
@@ -107,7 +109,7 @@ fn is_known_in_brackets(words: &str) -> bool {
         return false;
     };
     match name {
-        "MSG" => is_to_operator(value) || MESSAGES.iter().any(|message| value.contains(message)),
+        "MSG" => MESSAGES.iter().any(|message| value.contains(message)),
         "GC" => value.split(' ').count() >= 11,
         "PRB" => value
             .rsplit_once(':')
@@ -182,6 +184,15 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_message_of_the_program_has_been_sent() {
+        let sent = b"G1 X1(MSG, hallo)G0 X2";
+        assert!(is_of_program("[MSG:hallo]", sent));
+        for line in ["[MSG:hello]", "[MSG:G1 X1]", "[MSG:]", "hallo"] {
+            assert!(!is_of_program(line, sent), "{line}");
+        }
+    }
+
+    #[test]
     fn what_no_machine_sends_is_not_known() {
         let zeros = ["0.000"; AXES].join(",");
         let known = [
@@ -214,7 +225,7 @@ mod tests {
             "$1234=1",
             "$27=x",
             "X:45,Z:2",
-            "[MSG:hello there]",
+            "[MSG:hello]",
             "[MSG:Pgm End",
             "[FOO:1]",
             &format!("[PRB:{zeros}:2]"),

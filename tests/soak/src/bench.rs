@@ -113,6 +113,8 @@ pub(crate) struct Bench {
     next_in: u64,
     next_out: u64,
     received: Vec<u8>,
+    /// What the machine has received that a comment may keep.
+    sent_text: Vec<u8>,
     /// Lines that the machine has received since its last reset, and the answers since its last welcome.
     received_lines: u64,
     answers: u64,
@@ -178,6 +180,7 @@ impl Bench {
             next_in: 0,
             next_out: 0,
             received: Vec::new(),
+            sent_text: Vec::new(),
             received_lines: 0,
             answers: 0,
             refusals: 0,
@@ -618,6 +621,9 @@ impl Bench {
             return;
         };
         self.is_line_ended = matches!(byte, b'\n' | b'\r');
+        if matches!(byte, b' '..=b'}') && !matches!(byte, b'?' | b'!') {
+            self.sent_text.push(byte);
+        }
         match byte {
             b'?' if !self.setup.is_reprap => {
                 let late = if self.fault == Some(Fault::ReportLate) {
@@ -716,7 +722,7 @@ impl Bench {
         let is_known = if self.setup.is_reprap {
             answers::is_known_to_hosts(line)
         } else {
-            answers::is_known(line)
+            answers::is_known(line) || answers::is_of_program(line, &self.sent_text)
         };
         assert!(is_known && !is_garbled, "an unknown line: {line}");
         self.learn(line);
