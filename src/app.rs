@@ -31,11 +31,11 @@ mod app {
         machine::{Inputs, Snapshot},
         model::{
             Requests,
-            queues::{ENTRY_RING, RECEIVED_RING, SENT_RING},
+            queues::{ENTRY_RING, SENT_RING},
         },
         motion::Motion,
         path::Entry,
-        protocol::{ByteWriter, Bytes, Progress, Session},
+        protocol::{Bytes, Incoming, Progress, Reception, Session},
         stepper::{EventReader, EventRing, EventTap, EventWriter, SegmentRing},
         tasks::{self, Unlocked},
     };
@@ -57,7 +57,7 @@ mod app {
         /// Locked by `prepare` and `inputs`.
         step_timer: board::StepTimerToken,
         /// Made of atomics: shared by reference and never locked, as are the two after it.
-        requests: Requests,
+        requests: &'static Requests,
         inputs: Inputs,
         segments: SegmentRing,
     }
@@ -69,10 +69,10 @@ mod app {
         pins: board::InputPins,
         actuators: board::Actuators,
         motion: &'static mut Motion,
-        received_in: ByteWriter<'static>,
+        reception: Reception<'static>,
         line_level: board::LineLevel,
         storage: &'static mut board::Storage,
-        flash_erase_in: ByteWriter<'static>,
+        flash_erase_in: Reception<'static>,
         entries_in: Producer<'static, Entry>,
         entries_out: Consumer<'static, Entry>,
         events_in: EventWriter<'static>,
@@ -84,7 +84,7 @@ mod app {
         motion_memory: board::MotionMemory = board::MotionMemory::new(),
         session_memory: MaybeUninit<Session> = MaybeUninit::uninit(),
         storage_memory: MaybeUninit<board::Storage> = MaybeUninit::uninit(),
-        received: Bytes<RECEIVED_RING> = Bytes::new(),
+        incoming: Incoming = Incoming::new(),
         sent: Bytes<SENT_RING> = Bytes::new(),
         entries: Queue<Entry, ENTRY_RING> = Queue::new(),
         events: EventRing = EventRing::new(),
@@ -96,7 +96,7 @@ mod app {
         };
         let board = board::init(cx.device, cx.core, memory);
         let motion = cx.local.motion_memory.power_up();
-        let (received_in, received_out) = cx.local.received.split();
+        let (requests, reception, received_out) = cx.local.incoming.split();
         let (entries_in, entries_out) = cx.local.entries.split();
         let (events_in, events_out) = cx.local.events.split();
         let event_tap = events_in.tap();
@@ -117,7 +117,7 @@ mod app {
             interpret_waker: None,
             report_waker: None,
             step_timer: board.step_timer,
-            requests: Requests::new(),
+            requests,
             inputs,
             segments: SegmentRing::new(),
         };
@@ -127,9 +127,9 @@ mod app {
             pins,
             actuators: board.actuators,
             motion,
-            line_level: board::LineLevel::new(received_in.count()),
-            flash_erase_in: received_in.second_writer(),
-            received_in,
+            line_level: board::LineLevel::new(reception.count()),
+            flash_erase_in: reception.second(),
+            reception,
             storage: board.storage,
             entries_in,
             entries_out,
@@ -172,11 +172,10 @@ mod app {
     /// Takes the received byte.
     ///
     /// Deadline: one byte time. A miss loses a byte.
-    #[task(binds = USART1, priority = 4, local = [receiver, received_in], shared = [&requests])]
+    #[task(binds = USART1, priority = 4, local = [receiver, reception])]
     fn serial_rx(cx: serial_rx::Context) {
         let _activation = trace::serial_rx();
-        let (receiver, received) = (cx.local.receiver, cx.local.received_in);
-        receiver.serve(cx.shared.requests, received);
+        cx.local.receiver.serve(cx.local.reception);
     }
 
     /// Begins the segment whose first event `step` has set up.
@@ -245,7 +244,7 @@ mod app {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
         let (inputs, segments) = (cx.shared.inputs, cx.shared.segments);
         let storage = cx.local.storage;
-        storage.receive_while_erasing(requests, cx.local.flash_erase_in.second_writer());
+        storage.receive_while_erasing(cx.local.flash_erase_in.second());
         let mut snapshot = Snapshot::default();
         loop {
             let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);

@@ -24,7 +24,9 @@ use crate::{
     model::{Awaited, Levels, Outputs, Release, Requests, queues::SENT_RING},
     motion::Motion,
     path::Entry,
-    protocol::{ByteReader, ByteWriter, DamagedByte, Progress, Session, realtime},
+    protocol::{
+        ByteCount, ByteReader, ByteWriter, DamagedByte, FormWatch, Progress, Session, realtime,
+    },
     settings::{Change, Erasing, StoreError, Stored, ToolTable},
     stepper::{EventReader, EventTap, EventWriter, SegmentRing, StepEvent, Upcoming},
 };
@@ -44,6 +46,17 @@ pub enum Task {
 pub trait Platform {
     /// Releases a task: it runs once more after this, also if it runs now.
     fn pend(&mut self, task: Task);
+
+    /// Releases the task that a received byte asks for, if it does.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
+    fn release(&mut self, release: Release) {
+        match release {
+            Release::Nobody => {}
+            Release::Interpret | Release::Report => self.pend(Task::Wake),
+            Release::Prepare => self.pend(Task::Prepare),
+        }
+    }
 
     /// Outputs a duty of the spindle PWM, 0 to [`Outputs::FULL`].
     fn set_duty(&mut self, duty: u16);
@@ -154,11 +167,7 @@ pub fn serial_rx(
     received: &mut ByteWriter<'_>,
     platform: &mut impl Platform,
 ) {
-    match realtime::receive(byte, before, requests, received) {
-        Release::Nobody => {}
-        Release::Interpret | Release::Report => platform.pend(Task::Wake),
-        Release::Prepare => platform.pend(Task::Prepare),
-    }
+    platform.release(realtime::receive(byte, before, requests, received));
 }
 
 /// Releases the tasks that wait for room to send, when the queue of bytes to be sent has become half
@@ -226,17 +235,23 @@ pub fn inputs(
     needs_sample
 }
 
-/// Looks at the level of the line, so many periods of the timer of `inputs` after the last look; `received` is the
-/// number of bytes of lines so far. A part of `idle`.
+/// Looks at the level of the line and at the bytes that have come, so many periods of the timer of `inputs` after the
+/// last look. A part of `idle`.
 pub fn look_at_line(
     is_low: bool,
     periods: u8,
-    received: usize,
-    line: &mut BreakDetector,
+    received: ByteCount<'_>,
+    watches: &mut (BreakDetector, FormWatch),
     requests: &Requests,
     platform: &mut impl Platform,
 ) {
-    if line.look(is_low, periods, received, requests) {
+    let (line, forms) = watches;
+    let has_break = line.look(is_low, periods, received.enqueued(), requests);
+    let seen = forms.look(periods, received, requests);
+    if seen.has_requests {
+        platform.pend(Task::Prepare);
+    }
+    if has_break || seen.has_text && requests.awaits_line() {
         platform.pend(Task::Wake);
     }
 }

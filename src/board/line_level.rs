@@ -1,4 +1,4 @@
-//! The level of the sender's line, which `idle` looks at.
+//! The level of the sender's line, and what has come over it, which `idle` looks at.
 //!
 //! # Cost
 //!
@@ -7,7 +7,12 @@
 //! is a function of its own: inlined into `idle`, the addresses of registers would be kept over all rounds, and the
 //! proof would not know them.
 
-use leadscrew::{machine::BreakDetector, model::Requests, protocol::ByteCount, tasks};
+use leadscrew::{
+    machine::BreakDetector,
+    model::Requests,
+    protocol::{ByteCount, FormWatch},
+    tasks,
+};
 
 use super::{ChipPlatform, chosen::WIRING, emulation, pac, wiring::read_port};
 
@@ -22,7 +27,7 @@ pub(super) fn mark_periods(timer: &pac::TIM10) {
 
 /// The watch of `idle` over the line.
 pub(crate) struct LineLevel {
-    line: BreakDetector,
+    watches: (BreakDetector, FormWatch),
     /// Bytes of lines that have been received.
     received: ByteCount<'static>,
 }
@@ -31,7 +36,7 @@ impl LineLevel {
     /// Returns a watch that has not looked.
     pub(crate) const fn new(received: ByteCount<'static>) -> Self {
         Self {
-            line: BreakDetector::new(),
+            watches: (BreakDetector::new(), FormWatch::new()),
             received,
         }
     }
@@ -40,12 +45,11 @@ impl LineLevel {
     #[inline(never)]
     pub(crate) fn look(&mut self, requests: &Requests) {
         let periods = periods();
-        let received = self.received.enqueued();
         tasks::look_at_line(
             is_low(),
             periods,
-            received,
-            &mut self.line,
+            self.received,
+            &mut self.watches,
             requests,
             &mut ChipPlatform,
         );

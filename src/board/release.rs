@@ -2,6 +2,7 @@
 //!
 //! # Cost
 //!
+//! A received byte releases by one store without a branch: `serial_rx` is smaller by four lines of flash.
 //! [`end_round`] is a function of its own. Inlined into `idle`, the address of the register would be kept over all
 //! rounds, and the proof would not know it.
 
@@ -12,7 +13,11 @@ use core::{
     task::{Poll, Waker},
 };
 
-use leadscrew::tasks::{Platform, Task};
+use cortex_m::peripheral::NVIC;
+use leadscrew::{
+    model::Release,
+    tasks::{Platform, Task},
+};
 
 use super::{outputs, pac::Interrupt, trace};
 
@@ -50,6 +55,24 @@ impl Platform for ChipPlatform {
     #[inline]
     fn pend(&mut self, task: Task) {
         pend(task);
+    }
+
+    /// Stores also where nobody is released: 0, then.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
+    #[expect(unsafe_code, reason = "two vectors of one register")]
+    fn release(&mut self, release: Release) {
+        const { assert!(PREPARE as u16 / 32 == 0 && WAKE as u16 / 32 == 0) };
+        let mask = match release {
+            Release::Nobody => 0,
+            Release::Interpret | Release::Report => 1 << WAKE as u16,
+            Release::Prepare => {
+                trace::release(PREPARE);
+                1 << PREPARE as u16
+            }
+        };
+        // SAFETY: a write of 1 sets a bit, a write of 0 changes nothing (PM0214 4.3.4).
+        unsafe { (*NVIC::PTR).ispr[0].write(mask) };
     }
 
     #[inline]

@@ -17,7 +17,7 @@ use core::{fmt, hint::cold_path};
 
 use leadscrew::{
     model::{Requests, queues::SENT_RING},
-    protocol::{ByteReader, ByteWriter, DamagedByte},
+    protocol::{ByteReader, DamagedByte, Reception},
     tasks,
 };
 
@@ -38,8 +38,8 @@ impl Receiver {
 
     /// Runs `serial_rx`.
     #[inline]
-    pub(crate) fn serve(&mut self, requests: &Requests, received: &mut ByteWriter<'_>) {
-        receive(&self.0, requests, received);
+    pub(crate) fn serve(&mut self, reception: &mut Reception<'_>) {
+        receive(&self.0, reception);
     }
 }
 
@@ -79,7 +79,8 @@ const _: () = {
 /// refused.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWriter<'_>) {
+fn receive(usart: &UsartRegisters, reception: &mut Reception<'_>) {
+    let (requests, mut received) = reception.parts();
     let before = received.enqueued();
     let flags = usart.sr().read().bits() & STATUS_FLAGS;
     let is_whole = is_whole(flags);
@@ -93,7 +94,7 @@ fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWrite
     }
     let byte = usart.dr().read().dr().bits() as u8;
     let byte = if is_whole { Ok(byte) } else { Err(DamagedByte) };
-    tasks::serial_rx(byte, before, requests, received, &mut ChipPlatform);
+    tasks::serial_rx(byte, before, requests, &mut received, &mut ChipPlatform);
 }
 
 /// The receiver for the time of an erase of flash, in which `serial_rx` cannot run.
@@ -101,10 +102,7 @@ fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWrite
     feature = "eeprom",
     allow(dead_code, reason = "the bring-up erases flash on every board")
 )]
-pub(super) struct FlashEraseReceiver {
-    requests: &'static Requests,
-    received: ByteWriter<'static>,
-}
+pub(super) struct FlashEraseReceiver(Reception<'static>);
 
 #[cfg_attr(
     feature = "eeprom",
@@ -112,8 +110,8 @@ pub(super) struct FlashEraseReceiver {
 )]
 impl FlashEraseReceiver {
     /// Returns a receiver into the queue of `serial_rx`.
-    pub(super) const fn new(requests: &'static Requests, received: ByteWriter<'static>) -> Self {
-        Self { requests, received }
+    pub(super) const fn new(reception: Reception<'static>) -> Self {
+        Self(reception)
     }
 
     /// Takes the received byte, if there is one. Only while no task can run.
@@ -122,7 +120,7 @@ impl FlashEraseReceiver {
     #[expect(unsafe_code, reason = "the interrupt owns the receiver")]
     pub(super) fn receive(&mut self) {
         // SAFETY: `serial_rx`, which owns the receiver, does not run meanwhile.
-        receive(unsafe { &*Usart::ptr() }, self.requests, &mut self.received);
+        receive(unsafe { &*Usart::ptr() }, &mut self.0);
     }
 }
 

@@ -8,9 +8,8 @@
 use core::mem::MaybeUninit;
 
 use leadscrew::{
-    model::Requests,
     motion::{Motion, QueuedBlock},
-    protocol::{ByteWriter, Session},
+    protocol::{Reception, Session},
     settings::{Change, Erasing, Loaded, StoreError, Stored, ToolTable},
 };
 
@@ -119,19 +118,15 @@ impl Storage {
 
     /// Sets the queue for bytes that come while flash is erased.
     #[cfg(not(feature = "eeprom"))]
-    pub(crate) fn receive_while_erasing(
-        &mut self,
-        requests: &'static Requests,
-        received: ByteWriter<'static>,
-    ) {
+    pub(crate) fn receive_while_erasing(&mut self, reception: Reception<'static>) {
         let flash = self.0.flash();
-        flash.set_receiver(FlashEraseReceiver::new(requests, received));
+        flash.set_receiver(FlashEraseReceiver::new(reception));
     }
 
     /// Does nothing: the chip runs while an EEPROM is written.
     #[cfg(feature = "eeprom")]
     #[expect(clippy::unused_self, reason = "flash needs it")]
-    pub(crate) fn receive_while_erasing(&mut self, _: &'static Requests, _: ByteWriter<'static>) {}
+    pub(crate) fn receive_while_erasing(&mut self, _: Reception<'static>) {}
 
     /// Stores a change. At rest only: an erase may take 2 s.
     pub(super) fn write(

@@ -160,10 +160,9 @@ impl Accessories {
         self.count_change();
     }
 
-    /// Applies an override; the plan follows those of feed and rapids.
-    pub fn apply_override(&mut self, command: Override) {
+    /// Takes an override, which has an effect from [`Self::update_overrides`] on.
+    pub fn take_override(&mut self, command: Override) {
         self.asked = self.asked.after(command);
-        self.update_overrides();
     }
 
     /// Allows some overrides, and no others.
@@ -172,8 +171,9 @@ impl Accessories {
         self.update_overrides();
     }
 
+    /// Applies the overrides; the plan follows those of feed and rapids.
     #[inline]
-    fn update_overrides(&mut self) {
+    pub fn update_overrides(&mut self) {
         let overrides = self.asked.allowed_by(self.switches);
         if overrides != self.overrides {
             self.overrides = overrides;
@@ -444,7 +444,8 @@ mod tests {
     #[test]
     fn the_override_scales_the_speed() {
         let mut accessories = spindle(&Settings::default(), 500.0);
-        accessories.apply_override(Override::SpindleMore);
+        accessories.take_override(Override::SpindleMore);
+        accessories.update_overrides();
         assert_eq!(accessories.power_at_rest().rpm, 550.0);
         assert_eq!(accessories.power_at_rest().duty / 4, 140);
         accessories.reset_overrides(true);
@@ -454,9 +455,12 @@ mod tests {
     #[test]
     fn a_program_switches_overrides_off_and_on_again() {
         let mut accessories = spindle(&Settings::default(), 500.0);
-        accessories.apply_override(Override::SpindleMore);
-        accessories.apply_override(Override::FeedLess);
-        accessories.apply_override(Override::RapidHalf);
+        accessories.take_override(Override::SpindleMore);
+        accessories.update_overrides();
+        accessories.take_override(Override::FeedLess);
+        accessories.update_overrides();
+        accessories.take_override(Override::RapidHalf);
+        accessories.update_overrides();
         accessories.switch_overrides(OverrideSwitches::NONE);
         let only_rapid = Overrides {
             rapid: 50,
@@ -465,7 +469,8 @@ mod tests {
         assert_eq!(accessories.overrides(), only_rapid);
         assert_eq!(accessories.power_at_rest().rpm, 500.0);
         // What the operator asks for meanwhile counts as soon as it may.
-        accessories.apply_override(Override::FeedLess);
+        accessories.take_override(Override::FeedLess);
+        accessories.update_overrides();
         assert_eq!(accessories.overrides(), only_rapid);
         accessories.switch_overrides(OverrideSwitches::ALL);
         let asked = Overrides {
@@ -477,7 +482,8 @@ mod tests {
         assert_eq!(accessories.overrides(), asked);
         accessories.switch_overrides(OverrideSwitches::NONE);
         accessories.reset_overrides(true);
-        accessories.apply_override(Override::FeedMore);
+        accessories.take_override(Override::FeedMore);
+        accessories.update_overrides();
         assert_eq!(accessories.overrides().feed, 110);
     }
 

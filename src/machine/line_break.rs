@@ -111,7 +111,7 @@ mod tests {
                 let _ = requests.accept(b'?', *received);
             },
             |requests, received| {
-                let _ = requests.accept(0x90, *received);
+                let _ = requests.accept_high(0x90, *received);
             },
         ];
         for come in came {
@@ -121,7 +121,7 @@ mod tests {
                     come(&requests, &mut received);
                 }
                 assert!(!line.look(true, 1, received, &requests));
-                let _ = (requests.take_status(), requests.take_override());
+                let _ = (requests.take_status(), requests.take_overrides().is_some());
             }
         }
     }

@@ -18,7 +18,7 @@ use core::sync::atomic::{
     compiler_fence,
 };
 
-use super::{HAS_REPRAP, Levels, Override, TOOL_CHANGE};
+use super::{HAS_REPRAP, Levels, TOOL_CHANGE};
 use losses::Losses;
 pub use override_ring::OVERRIDES;
 use override_ring::OverrideRing;
@@ -62,6 +62,10 @@ impl ToolMarks {
     };
 }
 
+/// 0x84 and 0x85.
+const DOOR: usize = 4;
+const JOG_CANCEL: usize = 5;
+
 /// The requests of the receiver and the buttons that their readers have not yet taken.
 #[derive(Debug)]
 pub struct Requests {
@@ -73,21 +77,21 @@ pub struct Requests {
     line_break: AtomicBool,
     /// `~`: cleared by `prepare`.
     start: AtomicBool,
-    /// 0x84: cleared by `prepare`.
-    door: AtomicBool,
-    /// 0x85: cleared by `prepare`.
-    jog_cancel: AtomicBool,
+    /// 0x80 to 0x87, of which 0x84 and 0x85 mean something: cleared by `prepare`.
+    stops: [AtomicBool; 8],
     /// End of the delay that `prepare` asked for: cleared by `prepare`.
     delay_end: AtomicBool,
     /// A task waits for the notice of a standstill: cleared by `prepare`.
     standstill: AtomicBool,
     /// The mark of the newest `~`.
     start_mark: AtomicU32,
-    /// 0xA3: cleared by `prepare`. The mark is that of the first one since then.
-    tool_change: AtomicBool,
+    /// The mark of the newest 0xA3.
     tool_mark: AtomicU32,
     /// Overrides: dequeued by `prepare`.
     overrides: OverrideRing,
+    /// A byte that has come in UTF-8, or 0, and the number of such bytes, wrapping: written by `idle`.
+    form: AtomicU8,
+    form_count: AtomicU32,
     /// Number of requests to `prepare` other than overrides, wrapping.
     count: AtomicU32,
     /// Number of resets by 0x18 and by the button, wrapping: a reader compares it with the number
@@ -118,14 +122,14 @@ impl Requests {
             hold: AtomicBool::new(false),
             line_break: AtomicBool::new(false),
             start: AtomicBool::new(false),
-            door: AtomicBool::new(false),
-            jog_cancel: AtomicBool::new(false),
+            stops: [const { AtomicBool::new(false) }; 8],
             delay_end: AtomicBool::new(false),
             standstill: AtomicBool::new(false),
             start_mark: AtomicU32::new(0),
-            tool_change: AtomicBool::new(false),
             tool_mark: AtomicU32::new(0),
             overrides: OverrideRing::new(),
+            form: AtomicU8::new(0),
+            form_count: AtomicU32::new(0),
             count: AtomicU32::new(0),
             resets: AtomicU32::new(0),
             own_resets: AtomicU32::new(0),
@@ -185,13 +189,13 @@ impl Requests {
     /// Takes the signal that the safety door was opened.
     #[must_use]
     pub fn take_door(&self) -> bool {
-        take(&self.door)
+        take(&self.stops[DOOR])
     }
 
     /// Takes the request to end jogging.
     #[must_use]
     pub fn take_jog_cancel(&self) -> bool {
-        take(&self.jog_cancel)
+        take(&self.stops[JOG_CANCEL])
     }
 
     /// Signals the end of the delay that `prepare` asked for; for its platform alone.
@@ -226,8 +230,9 @@ impl Requests {
     pub fn count(&self) -> u32 {
         let overrides = self.overrides.written();
         let own = self.own_count.load(Relaxed);
+        let forms = self.form_count.load(Relaxed);
         let count = self.count.load(Relaxed).wrapping_add(overrides);
-        let count = count.wrapping_add(own);
+        let count = count.wrapping_add(own).wrapping_add(forms);
         compiler_fence(SeqCst);
         count
     }
@@ -238,17 +243,19 @@ impl Requests {
         Mark(self.start_mark.load(Relaxed))
     }
 
-    /// Takes the request to execute the operator's lines: returns where it was received.
+    /// Returns where the newest 0xA3 was received.
     #[must_use]
-    pub fn take_tool_change(&self) -> Option<Mark> {
-        let mark = Mark(self.tool_mark.load(Relaxed));
-        take(&self.tool_change).then_some(mark)
+    pub fn tool_mark(&self) -> Mark {
+        Mark(self.tool_mark.load(Relaxed))
     }
 
-    /// Takes the oldest byte that may be an override, [`Override::from_byte`].
+    /// Takes the bytes that may be overrides, [`super::Override::from_byte`], or [`TOOL_CHANGE`], oldest first, if there
+    /// are any.
     #[must_use]
-    pub fn take_override(&self) -> Option<u8> {
-        self.overrides.dequeue()
+    pub fn take_overrides(&self) -> Option<impl Iterator<Item = u8> + use<>> {
+        let form = self.form.load(Relaxed);
+        self.form.store(0, Relaxed);
+        self.overrides.dequeue_all(form)
     }
 
     /// Returns the number of resets so far, wrapping.
@@ -283,48 +290,67 @@ impl Requests {
             set(&self.start);
         }
         if closed.has(Levels::DOOR) {
-            set(&self.door);
+            set(&self.stops[DOOR]);
         }
         add_one(&self.count);
     }
 
     /// Makes the request of a realtime byte; for the receiver alone. Returns the task to release.
     /// `received` is the number of bytes of lines before it.
-    ///
-    /// The first byte of the UTF-8 form of a realtime command has no meaning and is ignored.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
     pub(crate) fn accept(&self, byte: u8, received: usize) -> Release {
         let flag = match byte {
-            b'?' => {
-                set(&self.status);
-                return Release::Report;
-            }
             b'!' => &self.hold,
             b'~' => {
                 self.start_mark.store(received as u32, Relaxed);
                 &self.start
             }
-            0x84 => &self.door,
-            0x85 => &self.jog_cancel,
             0x18 => {
                 add_one(&self.resets);
                 return self.count_for_prepare();
             }
-            _ if Override::may_be_override(byte) => {
-                self.overrides.enqueue(byte);
-                return Release::Prepare;
+            _ => {
+                set(&self.status);
+                return Release::Report;
             }
-            TOOL_CHANGE => {
-                if !self.tool_change.load(Relaxed) {
-                    self.tool_mark.store(received as u32, Relaxed);
-                }
-                &self.tool_change
-            }
-            _ => return Release::Nobody,
         };
         set(flag);
         self.count_for_prepare()
+    }
+
+    /// The same for a byte of 0x80 to 0xA3.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `accept`")]
+    pub(crate) fn accept_high(&self, byte: u8, received: usize) -> Release {
+        if byte >= 0x88 {
+            self.overrides.enqueue(byte);
+            // No reader runs before the receiver has ended.
+            if byte == TOOL_CHANGE {
+                self.tool_mark.store(received as u32, Relaxed);
+            }
+            return Release::Prepare;
+        }
+        set(&self.stops[usize::from(byte % 8)]);
+        self.count_for_prepare()
+    }
+
+    /// Makes the request of a byte of 0x80 to 0xA3 that has come in UTF-8; for `idle` alone, which releases `prepare`
+    /// afterwards. Returns false while another one waits.
+    pub(crate) fn accept_form(&self, byte: u8, received: usize) -> bool {
+        match byte {
+            0x84 => set(&self.stops[DOOR]),
+            0x85 => set(&self.stops[JOG_CANCEL]),
+            _ if self.form.load(Relaxed) != 0 => return false,
+            _ => {
+                if byte == TOOL_CHANGE {
+                    self.tool_mark.store(received as u32, Relaxed);
+                }
+                self.form.store(byte, Relaxed);
+            }
+        }
+        add_one(&self.form_count);
+        true
     }
 
     /// Counts a request to `prepare`. Returns that task, to be released.
@@ -356,16 +382,14 @@ impl Requests {
                 self.start_mark.store(received as u32, Relaxed);
                 &self.start
             }
-            0x84 => &self.door,
-            0x85 => &self.jog_cancel,
+            0x84 => &self.stops[DOOR],
+            0x85 => &self.stops[JOG_CANCEL],
             0x18 => return self.reset(),
-            _ if Override::may_be_override(byte) => {
-                self.overrides.enqueue(byte);
-                return;
-            }
-            TOOL_CHANGE => {
-                self.tool_mark.store(received as u32, Relaxed);
-                &self.tool_change
+            0x80.. => {
+                if byte == TOOL_CHANGE {
+                    self.tool_mark.store(received as u32, Relaxed);
+                }
+                return self.overrides.enqueue(byte);
             }
             _ => return,
         };

@@ -17,6 +17,15 @@ use core::{
 
 use crate::model::Mark;
 
+/// What is missing of a character, as [`ByteRing`] keeps it.
+#[derive(Clone, Copy)]
+pub(super) struct Rest(usize);
+
+impl Rest {
+    /// Nothing is missing.
+    pub(super) const NOTHING: Self = Self(0);
+}
+
 /// A queue of bytes stored in `B`: see [`Bytes`].
 #[derive(Debug)]
 pub struct ByteRing<B: ?Sized = [AtomicU8]> {
@@ -27,6 +36,10 @@ pub struct ByteRing<B: ?Sized = [AtomicU8]> {
     limit: AtomicUsize,
     /// Number of bytes written up to the last possible line end, wrapping.
     ended: AtomicUsize,
+    /// The number of the byte with which a character in UTF-8 goes on, plus what is missing of it, wrapping: its
+    /// first byte in the highest eight bits, shifted left by the number of bytes that have come. The highest bit is
+    /// set while another one follows.
+    character: AtomicUsize,
     bytes: B,
 }
 
@@ -42,14 +55,26 @@ impl<const N: usize> Bytes<N> {
             written: AtomicUsize::new(0),
             limit: AtomicUsize::new(N - 1),
             ended: AtomicUsize::new(0),
+            character: AtomicUsize::new(0),
             bytes: [const { AtomicU8::new(0) }; N],
         }
     }
 
+    /// Returns a writer.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `ByteWriter::enqueue`")]
+    pub(super) const fn writer(&self) -> ByteWriter<'_> {
+        ByteWriter { ring: self }
+    }
+
     /// Returns the two ends, each for one task.
     pub const fn split(&mut self) -> (ByteWriter<'_>, ByteReader<'_>) {
-        let ring: &ByteRing = self;
-        (ByteWriter { ring }, ByteReader { ring })
+        let ring: &Self = self;
+        (ring.writer(), ring.reader())
+    }
+
+    pub(super) const fn reader(&self) -> ByteReader<'_> {
+        ByteReader { ring: self }
     }
 
     /// Returns the number of bytes that there is room for.
@@ -124,12 +149,6 @@ pub struct ByteWriter<'a> {
 }
 
 impl<'a> ByteWriter<'a> {
-    /// Returns a second writer, for the time in which the owner of the first cannot run.
-    #[must_use]
-    pub const fn second_writer(&self) -> Self {
-        Self { ring: self.ring }
-    }
-
     /// Returns what tells how many bytes are enqueued.
     #[must_use]
     pub const fn count(&self) -> ByteCount<'a> {
@@ -164,6 +183,27 @@ impl<'a> ByteWriter<'a> {
         let next = number.wrapping_add(1);
         self.ring.written.store(next, Relaxed);
         Ok(next)
+    }
+
+    /// Returns what a byte from 0x80 on leaves of a character of which it is a part; `None` where it stands alone.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `enqueue`")]
+    pub(super) fn rest_of_character(&self, number: usize, byte: u8) -> Option<Rest> {
+        let next = self.ring.character.load(Relaxed);
+        let rest = if byte < 0xc0 {
+            next.wrapping_sub(number)
+        } else {
+            usize::from(byte) << 24
+        };
+        (rest & 0x80ff_ffff == 1 << 31).then_some(Rest(rest << 1))
+    }
+
+    /// Awaits the rest of a character at a number.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `enqueue`")]
+    pub(super) fn await_rest(&mut self, number: usize, rest: Rest) {
+        let next = number.wrapping_add(rest.0);
+        self.ring.character.store(next, Relaxed);
     }
 
     /// Returns the number of bytes enqueued so far, wrapping.
@@ -231,6 +271,17 @@ impl ByteCount<'_> {
     #[must_use]
     pub fn enqueued(&self) -> usize {
         self.ring.written.load(Relaxed)
+    }
+
+    /// Returns the number of the oldest byte whose slot no other one has.
+    pub(super) fn oldest_kept(&self) -> usize {
+        self.enqueued().wrapping_sub(self.ring.capacity())
+    }
+
+    /// Returns a byte by its number, also one that has been taken.
+    pub(super) fn byte(&self, number: usize) -> u8 {
+        let slot = self.ring.slot(number);
+        slot.map_or(0, |slot| slot.load(Relaxed))
     }
 }
 

@@ -153,7 +153,9 @@ impl<'a> Dollar<'a> {
             [b'S', b'L', b'P'] => Ok(Self::Sleep),
             [b'I'] => Ok(Self::List(List::BuildInfo)),
             [b'I', b'+'] => Ok(Self::List(List::ExtendedBuildInfo)),
-            [b'I', b'=', text @ ..] => Ok(Self::StoreBuildInfo(text)),
+            [b'I', b'=', text @ ..] if !text.iter().any(|byte| *byte > 0x7f) => {
+                Ok(Self::StoreBuildInfo(text))
+            }
             [b'R', b'S', b'T', b'=', what] => match what {
                 b'$' => Ok(Self::Restore(Change::RestoreSettings)),
                 b'#' => Ok(Self::Restore(Change::RestoreOrigins)),

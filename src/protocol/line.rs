@@ -2,9 +2,12 @@
 //!
 //! Each carriage return and each line feed ends a line, so that a sender gets one answer for each;
 //! dropped characters do not count towards the length. Read with Grbl 1.1 `protocol.c`: its rules,
-//! except for the length.
+//! except for the length, and for characters other than ASCII: outside of comments they stay in the line, so
+//! that it is refused, but for a non-breaking space and for realtime bytes in UTF-8.
 
 use heapless::Vec;
+
+use super::form_watch::{LATIN, is_form};
 
 /// Length of the longest line, without comments and blanks, bytes.
 pub const LINE_BYTES: usize = 256;
@@ -25,7 +28,12 @@ enum Region {
     Parentheses,
     /// After `;`.
     Semicolon,
+    /// Behind the first byte of U+0080 to U+00BF, outside of comments.
+    Latin,
 }
+
+/// Second byte of U+00A0 in UTF-8, a blank.
+const NO_BREAK_SPACE: u8 = 0xa0;
 
 /// Marks of a byte that is dropped, and of a byte that ends the line or begins a comment.
 const DROPPED: u8 = 0;
@@ -39,7 +47,7 @@ const REPLACEMENTS: [u8; 256] = {
     let mut byte = b' ' + 1;
     while byte < u8::MAX {
         table[byte as usize] = match byte {
-            b'(' | b';' => TEXT_END,
+            b'(' | b';' | LATIN => TEXT_END,
             b'/' => DROPPED,
             _ => byte.to_ascii_uppercase(),
         };
@@ -126,7 +134,16 @@ impl Line {
 
     /// Enters or leaves a comment at a byte. Returns whether the byte ends the line.
     fn ends_with(&mut self, byte: u8) -> bool {
+        if self.region == Region::Latin {
+            self.region = Region::Text;
+            if byte == NO_BREAK_SPACE || is_form(byte, self.is_empty()) {
+                return false;
+            }
+            // No line has a use for it.
+            self.push(&[LATIN]);
+        }
         match (byte, self.region) {
+            (LATIN, Region::Text) => self.region = Region::Latin,
             (b'\n' | b'\r', _) => return true,
             (b')', Region::Parentheses) => {
                 self.region = Region::Text;
@@ -141,8 +158,11 @@ impl Line {
             (b' '..=b'~', Region::Parentheses) if !self.is_comment_kept => {
                 let _ = self.comment.push(byte);
             }
+            (0xc0.., Region::Parentheses) if !self.is_comment_kept => {
+                let _ = self.comment.push(b'?');
+            }
             (b';', Region::Text) => self.region = Region::Semicolon,
-            (_, Region::Text | Region::Parentheses | Region::Semicolon) => {}
+            (_, Region::Text | Region::Parentheses | Region::Semicolon | Region::Latin) => {}
         }
         false
     }

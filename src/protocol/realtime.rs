@@ -1,7 +1,8 @@
 //! Realtime bytes: taken out of the stream by the receive interrupt, never part of a line.
 //!
 //! A realtime byte may stand inside a line. Read with Grbl 1.1 `serial.c` and the table of realtime
-//! commands.
+//! commands. Text is none: a byte from 0x80 on is a request only where it stands alone, and part of a character
+//! in UTF-8 anywhere else. U+0080 to U+009F are such bytes as some senders write them: [`super::FormWatch`].
 //!
 //! # Cost
 //! A byte costs O(1). The receiver also runs from RAM while the flash is erased, and can call nothing
@@ -9,12 +10,15 @@
 
 use core::hint::cold_path;
 
-use super::ByteWriter;
+use super::{ByteWriter, bytes::Rest};
 use crate::model::{Release, Requests, queues::RECEIVED_RING};
 
 /// Bytes between two releases of `interpret` without the end of a line, at most: a quarter of the
 /// receive queue (`tests/protocol/receiving.rs`).
 pub(super) const MAX_UNRELEASED_BYTES: usize = RECEIVED_RING / 4;
+
+/// The last of the bytes that are requests where they stand alone.
+pub(super) const LAST_REQUEST: u8 = 0xa3;
 
 /// A byte that is not what was sent, or behind which one is lost.
 #[derive(Debug, Clone, Copy)]
@@ -32,11 +36,29 @@ pub fn receive(
     received: &mut ByteWriter<'_>,
 ) -> Release {
     match byte {
-        Ok(byte) if is_request(byte) && !requests.are_sorted_later() => {
+        Ok(byte @ 0x80..) => {
             cold_path();
-            return requests.accept(byte, before);
+            let rest = match received.rest_of_character(before, byte) {
+                Some(rest) => rest,
+                None if byte <= LAST_REQUEST && !requests.are_sorted_later() => {
+                    cold_path();
+                    return requests.accept_high(byte, before);
+                }
+                None => Rest::NOTHING,
+            };
+            if let Ok(number) = received.enqueue_behind(before, byte) {
+                received.await_rest(number, rest);
+                // It may be taken, but releases nobody: `idle` does, at the latest.
+                received.end_line(number);
+                return Release::Nobody;
+            }
+            received.await_rest(before, rest);
         }
         Ok(byte) => {
+            if matches!(byte, b'~' | b'!' | b'?' | 0x18) && !requests.are_sorted_later() {
+                cold_path();
+                return requests.accept(byte, before);
+            }
             if let Ok(number) = received.enqueue_behind(before, byte) {
                 return enqueued(byte, number, requests, received);
             }
@@ -50,10 +72,8 @@ pub fn receive(
 }
 
 /// Whether a byte is a realtime byte, where it counts as one.
-#[inline(always)]
-#[expect(clippy::inline_always, reason = "as for `receive`")]
-pub(super) fn is_request(byte: u8) -> bool {
-    matches!(byte, b'~' | 0x80..) || matches!(byte, b'!' | b'?' | 0x18)
+pub(super) const fn is_request(byte: u8) -> bool {
+    matches!(byte, b'~' | b'!' | b'?' | 0x18 | 0x80..=LAST_REQUEST)
 }
 
 /// Follows a byte of a line into the queue. A line end releases `interpret` if the task waits for one, and so

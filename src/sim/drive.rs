@@ -20,7 +20,7 @@ use crate::{
     model::{Alarm, Levels, Outputs, Requests, queues::ENTRY_RING},
     motion::Motion,
     path::Entry,
-    protocol::{ByteWriter, DamagedByte},
+    protocol::{ByteCount, ByteWriter, DamagedByte, FormWatch},
     settings::Settings,
     stepper::{EventRing, PhaseSteps, SegmentRing},
     tasks::{self, InputTrigger, Platform, Task, Unlocked},
@@ -67,7 +67,10 @@ pub struct Drive {
     sample_due: Option<u64>,
     /// Whether a contact has changed since the last run of `inputs`.
     is_edge_pending: bool,
-    line: BreakDetector,
+    watches: (BreakDetector, FormWatch),
+    /// Number of bytes at the last look, and its time.
+    looked_at: usize,
+    looked_time: u64,
     /// Time of the next look at the line while it is low, ticks.
     look_due: Option<u64>,
 }
@@ -115,7 +118,9 @@ impl Drive {
             watch: Watch::new(Levels::NONE, &inputs),
             sample_due: None,
             is_edge_pending: false,
-            line: BreakDetector::new(),
+            watches: (BreakDetector::new(), FormWatch::new()),
+            looked_at: 0,
+            looked_time: 0,
             look_due: None,
             inputs,
             entries: Queue::new(),
@@ -301,21 +306,27 @@ impl Drive {
     pub(super) fn pull_line(&mut self, low: bool, now: u64) {
         self.look_due = low.then(|| now + u64::from(TICKS_PER_MS));
         if !low {
-            self.line = BreakDetector::new();
+            self.watches.0 = BreakDetector::new();
         }
     }
 
-    /// Looks at a line that is low, once a millisecond as `idle` does.
-    pub(super) fn look_at_line(&mut self, received: usize, requests: &Requests, now: u64) {
-        let Some(due) = self.look_due.filter(|due| *due <= now) else {
+    /// Looks at the line as `idle` does: once a millisecond while it is low, and otherwise when bytes have come.
+    pub(super) fn look_at_line(&mut self, received: ByteCount<'_>, requests: &Requests, now: u64) {
+        let is_due = self.look_due.is_some_and(|due| due <= now);
+        if is_due {
+            self.look_due = Some(now + u64::from(TICKS_PER_MS));
+        } else if received.enqueued() == self.looked_at {
             return;
-        };
-        self.look_due = Some(due + u64::from(TICKS_PER_MS));
+        }
+        let periods = (now - self.looked_time) / u64::from(TICKS_PER_MS);
+        (self.looked_at, self.looked_time) = (received.enqueued(), now);
+        let is_low = self.look_due.is_some();
+        let (periods, watches) = (periods.min(255) as u8, &mut self.watches);
         tasks::look_at_line(
-            true,
-            1,
+            is_low,
+            periods,
             received,
-            &mut self.line,
+            watches,
             requests,
             &mut self.platform,
         );

@@ -347,7 +347,7 @@ impl Simulator {
         loop {
             self.drive.watch(&self.requests, self.now);
             self.drive.end_delay(self.now);
-            let received = self.received.written();
+            let received = self.received.split().0.count();
             self.drive.look_at_line(received, &self.requests, self.now);
             if self.drive.prepare(&self.requests, self.now) {
                 self.wake();

@@ -259,7 +259,7 @@ impl<S: BorrowMut<Simulator>, P: Iterator<Item = u8>> Stream<S, P> {
         }
         while !self.line.is_full() {
             match self.program.next() {
-                Some(b'?' | b'!' | b'~' | 0x18 | b'\r' | 0x80..) => {}
+                Some(b'?' | b'!' | b'~' | 0x18 | b'\r') => {}
                 Some(byte) => {
                     let _ = self.line.push(byte);
                     if byte == b'\n' {

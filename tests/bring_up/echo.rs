@@ -8,14 +8,14 @@ use core::{
     sync::atomic::{AtomicU32, Ordering::Relaxed},
 };
 
-use leadscrew::protocol::ByteWriter;
+use leadscrew::protocol::Reception;
 use rtt_target::{ChannelMode, UpChannel};
 
 use super::{
     Facts,
     chosen::Usart,
     clock, emulation, flash,
-    line::{Line, REQUESTS, is_silent},
+    line::{Line, is_silent},
     pac, priorities,
     sequence::{FROM_BOARD, Sequence, TO_BOARD},
     serial::{FaultPort, FlashEraseReceiver, Receiver},
@@ -35,7 +35,7 @@ const CHANNEL: usize = 0;
 /// What the handler of the USART has.
 struct Handler {
     receiver: Receiver,
-    received: ByteWriter<'static>,
+    reception: Reception<'static>,
 }
 
 struct Shared(UnsafeCell<Option<Handler>>);
@@ -67,8 +67,12 @@ pub(super) fn unmask(nvic: &mut pac::NVIC) {
 #[unsafe(no_mangle)]
 #[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
 extern "C" fn USART1() {
-    if let Some(Handler { receiver, received }) = handler() {
-        receiver.serve(&REQUESTS, received);
+    if let Some(Handler {
+        receiver,
+        reception,
+    }) = handler()
+    {
+        receiver.serve(reception);
     } else {
         // Somebody sends already: what nobody reads would run this for ever.
         SERVED_EARLY.store(served_early().wrapping_add(1), Relaxed);
@@ -98,9 +102,12 @@ pub(super) fn await_early_byte() {
 
 /// Sends the facts, exchanges bytes with whoever is at the serial line, and sends what came of it.
 pub(super) fn end(facts: &mut Facts, receiver: Receiver, registers: pac::FLASH) -> ! {
-    let (mut line, received) = Line::take();
-    let during_erase = FlashEraseReceiver::new(&REQUESTS, received.second_writer());
-    *handler() = Some(Handler { receiver, received });
+    let (mut line, reception) = Line::take();
+    let during_erase = FlashEraseReceiver::new(reception.second());
+    *handler() = Some(Handler {
+        receiver,
+        reception,
+    });
     let bytes = if emulation::is_emulated() {
         EMULATED_BYTES
     } else {
@@ -176,5 +183,5 @@ fn exchange(facts: &mut Facts, line: &mut Line, bytes: u32) {
     FaultPort::drain();
     facts.put("serial.received", count.into());
     facts.put("serial.wrong", wrong);
-    facts.put("serial.lost", REQUESTS.lost().into());
+    facts.put("serial.lost", line.lost().into());
 }

@@ -18,7 +18,6 @@ use super::{
     chosen::LAST_SECTOR,
     clock, emulation, flash_access,
     line::Line,
-    line::REQUESTS,
     pac,
     sequence::{BURST, BURSTS, Sequence},
     serial, supply, vectors, watchdog,
@@ -100,7 +99,7 @@ pub(super) fn measure(
         if !line.await_byte() {
             return;
         }
-        let lost = REQUESTS.lost();
+        let lost = line.lost();
         let outcome = operate(&mut flash, line);
         let during = line.waiting() as u32;
         let bytes = line.compare(&mut expected, BURST);
@@ -112,7 +111,7 @@ pub(super) fn measure(
             ("during", during.into()),
             ("received", bytes.count.into()),
             ("wrong", bytes.wrong.into()),
-            ("lost", REQUESTS.lost().wrapping_sub(lost).into()),
+            ("lost", line.lost().wrapping_sub(lost).into()),
         ] {
             facts.put_of(name, what, number);
         }

@@ -1,11 +1,8 @@
 //! The serial line for the main program: queues of the firmware's receiver and transmitter, and their far end.
 
 use leadscrew::{
-    model::{
-        Requests,
-        queues::{RECEIVED_RING, SENT_RING},
-    },
-    protocol::{ByteReader, ByteWriter, Bytes},
+    model::{Requests, queues::SENT_RING},
+    protocol::{ByteReader, ByteWriter, Bytes, Incoming, Reception},
 };
 
 use super::{
@@ -14,15 +11,14 @@ use super::{
     serial::{FaultPort, Transmitter},
 };
 
-/// What the receiver notes beside the bytes.
-pub(super) static REQUESTS: Requests = Requests::new();
-
 /// Longest silence in the middle of bytes, and before them, cycles: half a second, and ten.
 const SILENCE_CYCLES: i64 = 84_000_000;
 const BEGIN_CYCLES: i64 = 20 * SILENCE_CYCLES;
 
 /// The queues.
 pub(super) struct Line {
+    /// What the receiver notes beside the bytes.
+    requests: &'static Requests,
     received: ByteReader<'static>,
     answers: ByteWriter<'static>,
     transmitter: Transmitter,
@@ -36,18 +32,24 @@ pub(super) struct Compared {
 }
 
 impl Line {
-    /// Returns the line, once, and the queue for its receiver.
-    pub(super) fn take() -> (Self, ByteWriter<'static>) {
-        let received = cortex_m::singleton!(: Bytes<RECEIVED_RING> = Bytes::new());
-        let (writer, received) = received.expect("this is the first time").split();
+    /// Returns the line, once, and the end for its receiver.
+    pub(super) fn take() -> (Self, Reception<'static>) {
+        let incoming = cortex_m::singleton!(: Incoming = Incoming::new());
+        let (requests, reception, received) = incoming.expect("this is the first time").split();
         let sent = cortex_m::singleton!(: Bytes<SENT_RING> = Bytes::new());
         let (answers, sent) = sent.expect("this is the first time").split();
         let line = Self {
+            requests,
             received,
             answers,
             transmitter: Transmitter::new(sent),
         };
-        (line, writer)
+        (line, reception)
+    }
+
+    /// Returns how many losses the receiver has noted, wrapping.
+    pub(super) fn lost(&self) -> u32 {
+        self.requests.lost()
     }
 
     /// Returns how many bytes have come and wait.
@@ -62,7 +64,7 @@ impl Line {
 
     /// Hands the next byte to the USART, if that takes one now.
     pub(super) fn send_next(&mut self) {
-        self.transmitter.send_next(&REQUESTS);
+        self.transmitter.send_next(self.requests);
     }
 
     /// Returns whether another byte can be queued.

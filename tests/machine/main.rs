@@ -17,4 +17,5 @@ mod status;
 mod stored_program;
 #[path = "../support/mod.rs"]
 mod support;
+mod text;
 mod tools;

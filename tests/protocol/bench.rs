@@ -5,7 +5,9 @@ use heapless::spsc::Queue;
 use leadscrew::{
     axis::AXES,
     machine::Snapshot,
-    model::{Alarm, Levels, Notice, Override, Overrides, Probing, Release, Requests, State},
+    model::{
+        Alarm, Levels, Notice, Override, Overrides, Probing, Release, Requests, State, TOOL_CHANGE,
+    },
     path::{Block, Entry, MoveKind, Work},
     protocol::{Bytes, Progress, Session, realtime},
     settings::{Change, Settings, StoreError, Stored},
@@ -104,16 +106,14 @@ impl Bench {
         if self.machine.reset_count != self.requests.reset_count() {
             self.reset();
         }
-        if let Some(mark) = self.requests.take_tool_change()
-            && std::mem::take(&mut self.waits_for_tool)
-        {
-            self.is_paused = false;
-            self.machine.finished = self.machine.finished.wrapping_add(1);
-            self.machine.state = State::Tool;
-            self.machine.tool_marks.begin = mark;
-            self.machine.tool_marks.changes += 1;
-        }
-        while let Some(byte) = self.requests.take_override() {
+        for byte in self.requests.take_overrides().into_iter().flatten() {
+            if byte == TOOL_CHANGE && std::mem::take(&mut self.waits_for_tool) {
+                self.is_paused = false;
+                self.machine.finished = self.machine.finished.wrapping_add(1);
+                self.machine.state = State::Tool;
+                self.machine.tool_marks.begin = self.requests.tool_mark();
+                self.machine.tool_marks.changes += 1;
+            }
             let Some(command) = Override::from_byte(byte) else {
                 continue;
             };

@@ -2,8 +2,9 @@
 
 use leadscrew::{
     model::{Awaited, Override, Release, Requests},
-    protocol::{Bytes, realtime::receive},
+    protocol::{Bytes, FormWatch, Incoming, realtime::receive},
 };
+use proptest::prelude::*;
 
 /// What waits for bytes, and what they have asked for.
 struct Line {
@@ -29,18 +30,35 @@ impl Line {
     fn take(&mut self) -> Option<u8> {
         self.received.split().1.dequeue()
     }
+
+    /// Receives bytes, and has `idle` look, silence of so many ms before. Returns whether it has made a request.
+    fn look(&mut self, bytes: &[u8], silence_ms: u8, forms: &mut FormWatch) -> bool {
+        for byte in bytes {
+            self.receive(*byte);
+        }
+        let received = self.received.split().0.count();
+        forms
+            .look(silence_ms, received, &self.requests)
+            .has_requests
+    }
+}
+
+/// Whether something has been asked for since the last call.
+fn has_asked(requests: &Requests, asked: &mut u32) -> bool {
+    let _ = requests.take_overrides();
+    std::mem::replace(asked, requests.count()) != requests.count()
 }
 
 #[test]
-fn every_byte_is_a_request_or_part_of_a_line_or_dropped() {
+fn every_byte_is_a_request_or_part_of_a_line() {
     for byte in 0..=u8::MAX {
         let mut line = Line::new(Awaited::ALL);
         let (asked, reset_count) = (line.requests.count(), line.requests.reset_count());
         let release = line.receive(byte);
         let requests = &line.requests;
-        let command = requests.take_override();
+        let commands: Vec<u8> = requests.take_overrides().into_iter().flatten().collect();
         assert_eq!(
-            command.and_then(Override::from_byte),
+            commands.first().and_then(|byte| Override::from_byte(*byte)),
             Override::from_byte(byte),
             "{byte:#x}"
         );
@@ -49,23 +67,171 @@ fn every_byte_is_a_request_or_part_of_a_line_or_dropped() {
         assert_eq!(requests.take_start(), byte == b'~', "{byte:#x}");
         assert_eq!(requests.take_door(), byte == 0x84, "{byte:#x}");
         assert_eq!(requests.take_jog_cancel(), byte == 0x85, "{byte:#x}");
-        assert_eq!(
-            requests.reset_count() != reset_count,
-            byte == 0x18,
-            "{byte:#x}"
-        );
-        assert_eq!(
-            requests.take_tool_change().is_some(),
-            byte == 0xa3,
-            "{byte:#x}"
-        );
-        let is_command =
-            matches!(byte, b'!' | b'~' | 0x18 | 0x84 | 0x85 | 0xa3) || command.is_some();
+        let has_reset = requests.reset_count() != reset_count;
+        assert_eq!(has_reset, byte == 0x18, "{byte:#x}");
+        assert_eq!(commands.contains(&0xa3), byte == 0xa3, "{byte:#x}");
+        // Those that mean nothing release `prepare` for nothing.
+        let is_command = matches!(byte, b'!' | b'~' | 0x18 | 0x80..=0xa3);
         assert_eq!(requests.count() != asked, is_command, "{byte:#x}");
         assert_eq!(release == Release::Prepare, is_command, "{byte:#x}");
         assert_eq!(release == Release::Report, byte == b'?', "{byte:#x}");
-        let is_line = byte.is_ascii() && !is_command && byte != b'?';
+        let is_line = !is_command && byte != b'?';
         assert_eq!(line.take(), is_line.then_some(byte), "{byte:#x}");
+    }
+}
+
+#[test]
+fn no_character_is_a_request_and_a_byte_behind_it_is() {
+    let mut line = Line::new(Awaited::NONE);
+    let (mut asked, mut forms) = (line.requests.count(), FormWatch::new());
+    for character in '\u{a0}'..=char::MAX {
+        let text = std::format!("({character}");
+        assert!(!line.look(text.as_bytes(), 0, &mut forms), "{character}");
+        assert!(!has_asked(&line.requests, &mut asked), "{character}");
+        for byte in text.bytes() {
+            assert_eq!(line.take(), Some(byte), "{character}");
+        }
+        line.receive(0x90);
+        assert!(has_asked(&line.requests, &mut asked), "{character}");
+    }
+    assert_eq!(line.requests.lost(), 0);
+}
+
+#[test]
+fn a_character_that_is_broken_off_makes_no_text_of_the_bytes_behind_it() {
+    for text in [
+        &b"\xe3\x81G"[..],
+        b"\xe3G",
+        b"\xf0\x9f\n",
+        b"\xc3\xa4\xb5\xb5\xb5\xb5",
+        b"\xb5",
+        b"\xff\x80\x80\x80\x80\x80\x80\x80G",
+    ] {
+        let mut line = Line::new(Awaited::NONE);
+        for byte in text {
+            line.receive(*byte);
+        }
+        assert!(!line.requests.take_door(), "{text:x?}");
+        line.receive(0x84);
+        assert!(line.requests.take_door(), "{text:x?}");
+        assert!(
+            text.iter().all(|byte| line.take() == Some(*byte)),
+            "{text:x?}"
+        );
+    }
+}
+
+#[test]
+fn text_that_finds_the_queue_full_is_lost_and_no_request() {
+    let mut line = Line::new(Awaited::NONE);
+    for _ in 0..1023 {
+        line.receive(b'A');
+    }
+    let (mut asked, mut losses) = (line.requests.count(), 0);
+    for byte in "\u{3084}\u{2014}\u{e4}\u{84}\u{1f600}".bytes() {
+        line.receive(byte);
+        losses += 1;
+        assert_eq!(line.requests.lost(), losses);
+        assert!(!has_asked(&line.requests, &mut asked));
+    }
+    line.receive(0x84);
+    assert!(line.requests.take_door());
+}
+
+#[test]
+fn realtime_bytes_in_utf_8_are_requests_where_no_text_can_be() {
+    /// What comes before, how long the line is silent then, and which of U+0080 to U+00BF are requests.
+    const CASES: [(&[u8], u8, std::ops::RangeInclusive<u8>); 6] = [
+        (b"", 0, 0x80..=0xa3),
+        (b"G1 X1\n", 0, 0x80..=0xa3),
+        (b"\xc2\x90", 0, 0x80..=0x9f),
+        (b"(a", 0, 0x80..=0x9f),
+        (b"G1 X", 100, 0x80..=0xa3),
+        (b"G1 X", 99, 0x80..=0x9f),
+    ];
+    for (before, silence_ms, requests) in CASES {
+        for byte in 0x80..=0xbf {
+            let mut line = Line::new(Awaited::NONE);
+            let (mut asked, mut forms) = (line.requests.count(), FormWatch::new());
+            line.look(before, 0, &mut forms);
+            has_asked(&line.requests, &mut asked);
+            assert!(!line.look(&[], silence_ms, &mut forms));
+            // The look may also come between the two.
+            let is_form = line.look(&[0xc2], 0, &mut forms) | line.look(&[byte], 0, &mut forms);
+            assert_eq!(is_form, requests.contains(&byte), "{before:x?} {byte:x}");
+            assert_eq!(has_asked(&line.requests, &mut asked), is_form, "{byte:x}");
+        }
+    }
+}
+
+#[test]
+fn of_realtime_bytes_in_utf_8_each_is_a_request_once() {
+    let mut line = Line::new(Awaited::NONE);
+    let mut forms = FormWatch::new();
+    line.look("\u{91}\u{91}\u{84}\u{92}".as_bytes(), 0, &mut forms);
+    let mut taken = Vec::new();
+    for _ in 0..4 {
+        taken.extend(line.requests.take_overrides().into_iter().flatten());
+        line.look(&[], 0, &mut forms);
+    }
+    assert_eq!(taken, [0x91, 0x91, 0x92]);
+    assert!(line.requests.take_door() && !line.requests.take_door());
+}
+
+#[test]
+fn text_releases_the_interpreter_in_time() {
+    let mut line = Line::new(Awaited::LINE);
+    let mut forms = FormWatch::new();
+    line.receive(b'(');
+    for byte in "\u{3042}".repeat(300).bytes() {
+        assert_eq!(line.receive(byte), Release::Nobody);
+    }
+    let received = line.received.split().0.count();
+    let seen = forms.look(0, received, &line.requests);
+    assert!(seen.has_text && !seen.has_requests);
+    assert!(line.received.split().1.may_have_line());
+}
+
+#[test]
+fn of_more_overrides_than_there_is_room_for_the_newest_count() {
+    let mut line = Line::new(Awaited::NONE);
+    for byte in (0x90..0xa0).chain(0x90..0x98) {
+        line.receive(byte);
+    }
+    let taken: Vec<u8> = line
+        .requests
+        .take_overrides()
+        .into_iter()
+        .flatten()
+        .collect();
+    assert_eq!(taken, (0x98..0xa0).chain(0x90..0x98).collect::<Vec<_>>());
+    assert!(line.requests.take_overrides().is_none());
+}
+
+proptest! {
+    #![proptest_config(crate::cases(256))]
+
+    #[test]
+    fn bytes_are_sorted_as_utf_8_says(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        let mut line = Line::new(Awaited::NONE);
+        // How many bytes of a character may follow.
+        let mut missing = 0;
+        for byte in bytes {
+            let is_next = missing != 0 && matches!(byte, 0x80..=0xbf);
+            missing = match byte {
+                _ if is_next => missing - 1,
+                0xc0..=0xdf => 1,
+                0xe0..=0xef => 2,
+                0xf0..=0xf7 => 3,
+                // No character begins with these: nothing is known of what follows.
+                0xf8.. => return Ok(()),
+                b'?' | b'!' | b'~' | 0x18 => missing,
+                _ => 0,
+            };
+            let is_request = matches!(byte, b'?' | b'!' | b'~' | 0x18 | 0x80..=0xa3) && !is_next;
+            line.receive(byte);
+            prop_assert_eq!(line.take(), (!is_request).then_some(byte));
+        }
     }
 }
 
@@ -114,14 +280,25 @@ fn bytes_that_find_the_queue_full_are_counted_and_those_before_them_stay() {
 }
 
 #[test]
-fn a_second_writer_continues_where_the_first_has_ended() {
-    let mut ring = Bytes::<8>::new();
-    let (mut writer, mut reader) = ring.split();
-    let mut second = writer.second_writer();
-    assert_eq!(writer.enqueue(1), Ok(1));
-    assert_eq!(second.enqueue(2), Ok(2));
-    assert_eq!(writer.enqueue(3), Ok(3));
-    assert_eq!([1, 2, 3].map(Some), [(); 3].map(|()| reader.dequeue()));
+fn a_second_receiver_continues_where_the_first_has_ended_also_within_a_character() {
+    let mut incoming = Incoming::new();
+    let (requests, mut first, mut reader) = incoming.split();
+    let mut second = first.second();
+    for (place, byte) in "a\u{3084}b".bytes().enumerate() {
+        let reception = if place % 2 == 0 {
+            &mut first
+        } else {
+            &mut second
+        };
+        let (requests, mut received) = reception.parts();
+        receive(Ok(byte), received.enqueued(), requests, &mut received);
+    }
+    assert!(!requests.take_door());
+    assert!(
+        "a\u{3084}b"
+            .bytes()
+            .all(|byte| reader.dequeue() == Some(byte))
+    );
 }
 
 #[test]

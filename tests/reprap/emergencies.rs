@@ -155,6 +155,30 @@ fn realtime_bytes_count_only_after_a_line_end_or_silence() {
 }
 
 #[test]
+fn a_character_at_the_beginning_of_a_line_is_text_and_a_realtime_byte_in_utf_8_none() {
+    let mut machine = reprap();
+    for text in ["やり直し", "Äb", "— a"] {
+        machine.send_for(text.as_bytes(), 50);
+        assert_eq!(machine.state(), State::Idle, "{text}");
+        machine.send_for(b"\n", 50);
+        let answers = machine.answers();
+        assert!(answers[0].starts_with("Error:"), "{text}: {answers:?}");
+        assert_eq!(
+            machine.answers_to(format!("M117 {text}\n")),
+            ["ok"],
+            "{text}"
+        );
+        assert_eq!(
+            machine.answers_to(format!("G0 X1 ; {text}\n")),
+            ["ok"],
+            "{text}"
+        );
+    }
+    machine.send_for("\u{84}".as_bytes(), 50);
+    assert_eq!(machine.state(), State::DoorClosed);
+}
+
+#[test]
 fn a_soft_limit_is_answered_and_m999_goes_on() {
     let mut machine = reprap_with(&["22=1", "20=1", "788=7", "130=100", "131=100", "132=100"]);
     machine.ask("$H");

@@ -6,8 +6,8 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
     ("proof", 28_200),
-    ("src", 34_000),
-    ("tests", 39_100),
+    ("src", 34_300),
+    ("tests", 39_400),
     ("xtask", 22_500),
 ];
 

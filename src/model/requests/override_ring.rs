@@ -7,7 +7,7 @@ use core::sync::atomic::{
 };
 
 /// Overrides that may wait: more than the bytes of 1 ms at 115 200 baud (11.5). `prepare` runs
-/// after each override. An override that finds no room is dropped.
+/// after each override. Of more the oldest are dropped.
 pub const OVERRIDES: usize = 16;
 
 #[derive(Debug)]
@@ -35,25 +35,59 @@ impl OverrideRing {
     #[expect(clippy::inline_always, reason = "as for `Requests::accept`")]
     pub(super) fn enqueue(&self, byte: u8) {
         let number = self.written.load(Relaxed);
-        if number.wrapping_sub(self.read.load(Relaxed)) < OVERRIDES as u32 {
-            if let Some(slot) = self.bytes.get(number as usize % OVERRIDES) {
-                slot.store(byte, Relaxed);
-            }
-            compiler_fence(SeqCst);
-            self.written.store(number.wrapping_add(1), Relaxed);
+        if let Some(slot) = self.bytes.get(number as usize % OVERRIDES) {
+            slot.store(byte, Relaxed);
         }
+        compiler_fence(SeqCst);
+        self.written.store(number.wrapping_add(1), Relaxed);
     }
 
-    pub(super) fn dequeue(&self) -> Option<u8> {
-        let number = self.read.load(Relaxed);
-        if number == self.written.load(Relaxed) {
-            return None;
+    /// Dequeues all bytes, with one more in front of them unless it is 0.
+    pub(super) fn dequeue_all(&self, first: u8) -> Option<Taken> {
+        let (read, written) = (self.read.load(Relaxed), self.written.load(Relaxed));
+        compiler_fence(SeqCst);
+        let mut bytes = self.bytes.each_ref().map(|byte| byte.load(Relaxed));
+        compiler_fence(SeqCst);
+        self.read.store(written, Relaxed);
+        // Of more than there is room for, also while they were read, the oldest have been overwritten.
+        let lost = self.written.load(Relaxed).wrapping_sub(read);
+        let lost = lost.saturating_sub(OVERRIDES as u32);
+        let mut next = read.wrapping_add(lost);
+        let mut remaining = written.wrapping_sub(read).saturating_sub(lost);
+        if first != 0 {
+            if remaining < OVERRIDES as u32 {
+                next = next.wrapping_sub(1);
+                remaining += 1;
+            }
+            if let Some(slot) = bytes.get_mut(next as usize % OVERRIDES) {
+                *slot = first;
+            }
         }
-        compiler_fence(SeqCst);
-        let byte = self.bytes.get(number as usize % OVERRIDES)?;
-        let byte = byte.load(Relaxed);
-        compiler_fence(SeqCst);
-        self.read.store(number.wrapping_add(1), Relaxed);
-        Some(byte)
+        let taken = Taken {
+            bytes,
+            next,
+            remaining,
+        };
+        (remaining != 0).then_some(taken)
+    }
+}
+
+/// Bytes that have been dequeued, oldest first.
+#[derive(Debug)]
+pub(super) struct Taken {
+    bytes: [u8; OVERRIDES],
+    next: u32,
+    remaining: u32,
+}
+
+impl Iterator for Taken {
+    type Item = u8;
+
+    #[inline]
+    fn next(&mut self) -> Option<u8> {
+        self.remaining = self.remaining.checked_sub(1)?;
+        let byte = self.bytes.get(self.next as usize % OVERRIDES).copied();
+        self.next = self.next.wrapping_add(1);
+        byte
     }
 }

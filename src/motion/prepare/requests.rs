@@ -5,6 +5,7 @@ use crate::{
     machine::{Control, Effect, Event},
     model::{
         Alarm, Mark, Notice, OVERRIDES, Override, OverrideSwitches, Overrides, Requests, State,
+        TOOL_CHANGE,
     },
     stepper::SegmentRing,
 };
@@ -17,9 +18,6 @@ impl Motion {
         self.handled.requests = requests.count();
         self.handled.ticks = segments.played_start_ticks();
         self.apply_overrides(requests);
-        if let Some(mark) = requests.take_tool_change() {
-            self.change_tool(mark);
-        }
         if requests.take_delay_end() {
             self.end_delay();
         }
@@ -65,19 +63,22 @@ impl Motion {
 
     fn apply_overrides(&mut self, requests: &Requests) {
         let before = self.accessories.overrides();
+        let Some(taken) = requests.take_overrides() else {
+            return;
+        };
+        let mut is_tool_change = false;
         // wcet-bound: 16
-        for taken in 0..OVERRIDES {
-            let Some(byte) = requests.take_override() else {
-                if taken != 0 {
-                    self.replan_after_override(before);
-                }
-                return;
-            };
+        for byte in taken.take(OVERRIDES) {
+            is_tool_change |= byte == TOOL_CHANGE;
             if let Some(command) = Override::from_byte(byte) {
                 self.apply_override(command);
             }
         }
+        self.accessories.update_overrides();
         self.replan_after_override(before);
+        if is_tool_change {
+            self.change_tool(requests.tool_mark());
+        }
     }
 
     /// Executes the operator's lines from a mark on, if the machine waits for a tool.
@@ -120,7 +121,7 @@ impl Motion {
             | Override::SpindleMore
             | Override::SpindleLess
             | Override::SpindleFineMore
-            | Override::SpindleFineLess => self.accessories.apply_override(command),
+            | Override::SpindleFineLess => self.accessories.take_override(command),
         }
     }
 

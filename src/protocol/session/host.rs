@@ -41,6 +41,8 @@ pub(super) struct Host {
     /// The line as received, and whether it has ended.
     pub(super) raw: RawLine,
     pub(super) has_ended: bool,
+    /// Behind the first byte of what may be a realtime byte in UTF-8.
+    pub(super) is_behind_latin: bool,
     /// Number of the line's first byte.
     pub(super) start: usize,
     /// Number of the last accepted line.
@@ -105,6 +107,7 @@ impl Host {
             dialect: Dialect::Grbl,
             raw: RawLine::new(),
             has_ended: false,
+            is_behind_latin: false,
             start: 0,
             last: 0,
             has_begun: false,

@@ -21,7 +21,11 @@ use super::{
 use crate::{
     machine::Snapshot,
     model::{Requests, State, queues::RECEIVED_RING},
-    protocol::{ByteReader, Emergency, RawLine, realtime::is_request},
+    protocol::{
+        ByteReader, Emergency, RawLine,
+        form_watch::{LATIN, is_form},
+        realtime::is_request,
+    },
 };
 
 /// Longest line of an emergency, bytes.
@@ -47,6 +51,8 @@ pub(super) struct Scan {
     pub(super) next: usize,
     /// Number of bytes received when the line fell silent.
     pub(super) silent_at: Option<usize>,
+    /// Number of the byte behind one that may be the first of a request in UTF-8.
+    form_at: Option<usize>,
     /// The line is being dropped, or its rest.
     is_dropping: bool,
     is_cut: bool,
@@ -106,7 +112,13 @@ impl Session {
             let number = scan.next;
             scan.next = number.wrapping_add(1);
             let is_silent = scan.silent_at == Some(number);
-            if is_request(byte) && (scan.line.is_empty() || is_silent) {
+            let may_be_request = scan.line.is_empty() || is_silent;
+            let is_form = scan.form_at.take() == Some(number) && is_form(byte, true);
+            if is_form {
+                received.replace(number.wrapping_sub(1), TAKEN);
+                scan.line.clear();
+            }
+            if is_form || is_request(byte) && may_be_request {
                 received.replace(number, TAKEN);
                 scan.has_taken = true;
                 if is_silent {
@@ -114,6 +126,9 @@ impl Session {
                 }
                 self.accept_realtime(byte, number, requests);
                 continue;
+            }
+            if byte == LATIN && may_be_request {
+                scan.form_at = Some(scan.next);
             }
             scan.is_dropping |= scan.line.is_empty() && place >= KEPT_BYTES;
             let is_end = matches!(byte, b'\n' | b'\r');

@@ -16,7 +16,11 @@ use crate::{
         reprap::{self, LineModes},
     },
     model::State,
-    protocol::{ByteReader, FailedCheck, Verdict, replies, report},
+    protocol::{
+        ByteReader, FailedCheck, Verdict,
+        form_watch::{LATIN, is_form},
+        replies, report,
+    },
     settings::Settings,
     units::Nm,
 };
@@ -69,7 +73,14 @@ impl Session {
                 host.start = oldest.wrapping_add(taken);
             }
             taken += 1;
+            if core::mem::take(&mut host.is_behind_latin) {
+                if is_form(byte, host.raw.is_empty()) {
+                    continue;
+                }
+                host.raw.push(LATIN);
+            }
             match byte {
+                LATIN if !host.dialect.is_reprap() => host.is_behind_latin = true,
                 b'\n' | b'\r' => {
                     host.has_ended = true;
                     break;

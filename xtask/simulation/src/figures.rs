@@ -108,6 +108,9 @@ pub struct Figures {
     /// Why lines were refused: for the reader.
     #[serde(skip)]
     pub refusals: Refusals,
+    /// The first line of the program that is not UTF-8: for the reader.
+    #[serde(skip)]
+    pub foreign_line: Option<u64>,
 }
 
 impl Figures {

@@ -157,6 +157,7 @@ impl<S: borrow::BorrowMut<Simulator>, R: Recorder> Playing<S, R> {
             responses: observer.responses,
             messages: observer.messages,
             refusals: observer.refusals,
+            foreign_line: observer.foreign_line,
             times: observer.times.finish(simulator.now()),
             ..figures(simulator, &observer.statistics)
         };
@@ -275,7 +276,7 @@ fn words(line: &[u8]) -> &[u8] {
 /// Returns a line with its number and its checksum. Bytes that a sender leaves out are no part of it.
 fn numbered(number: i64, words: &[u8]) -> Vec<u8> {
     let mut line = format!("N{number} ").into_bytes();
-    let is_sent = |byte: &&u8| !matches!(**byte, b'?' | b'!' | b'~' | 0x18 | b'\r' | 0x80..);
+    let is_sent = |byte: &&u8| !matches!(**byte, b'?' | b'!' | b'~' | 0x18 | b'\r');
     line.extend(words.iter().filter(is_sent));
     let sum = line.iter().fold(0, |sum, byte| sum ^ byte);
     line.extend(format!("*{sum}\n").bytes());
@@ -334,6 +335,7 @@ impl<R: Recorder> Iterator for Source<R> {
                 Ok(Some(line)) => {
                     observer.recorder.line(&line);
                     observer.read_lines += 1;
+                    observer.foreign_line = self.program.foreign_line();
                     let words = words(&line);
                     let is_host = !matches!(self.numbering, Numbering::None);
                     if is_host && words.is_empty() {
@@ -399,6 +401,7 @@ struct Observer<R> {
     lines: VecDeque<Option<Sent>>,
     /// Lines of the program that have been read, and that are not sent before the next one is.
     read_lines: u64,
+    foreign_line: Option<u64>,
     skipped: u32,
     /// The line of the program that each line is which was sent, where not all are.
     sent_lines: Option<Vec<u32>>,
@@ -418,6 +421,7 @@ impl<R> Observer<R> {
             lines: VecDeque::new(),
             read: 0,
             read_lines: 0,
+            foreign_line: None,
             skipped: 0,
             sent_lines: None,
             failure: None,

@@ -1,9 +1,9 @@
 //! A G-code program, line by line, as a sender sends it.
 //!
-//! Reads as it goes, so a file may be longer than memory. Bytes that the machine would take for
-//! realtime commands (`?`, `!`, `~`, 0x18, 0x80 and above) are never sent, as with other senders:
-//! inside a file they are text. In a comment they are left out. Elsewhere that would join what
-//! they separate (`X1µ5` is not X15), so something is sent in their place that is refused.
+//! Reads as it goes, so a file may be longer than memory. What the machine would take for realtime commands
+//! (`?`, `!`, `~`, 0x18, bytes from 0x80 on that are no text in UTF-8) is never sent, as with other senders:
+//! inside a file it is text. In a comment it is left out. Elsewhere that would join what it separates (`X1?5` is
+//! not X15), so something is sent in its place that is refused.
 
 use std::{
     collections::VecDeque,
@@ -31,6 +31,8 @@ pub struct Program {
     length: u64,
     read: u64,
     lines: u64,
+    /// The first line that is not UTF-8.
+    foreign_line: Option<u64>,
 }
 
 impl Program {
@@ -66,7 +68,7 @@ impl Program {
     pub fn recorded(path: &Path) -> Result<Self> {
         let name = path.display().to_string();
         let mut text = fs::read(path).with_context(|| format!("cannot read the program {name}"))?;
-        text.retain(|byte| !is_realtime(*byte));
+        text.retain(|byte| !matches!(byte, b'?' | b'!' | b'~' | 0x18 | 0x80..));
         Ok(Self::from_reader(name, Cursor::new(text)))
     }
 
@@ -87,6 +89,7 @@ impl Program {
             length: 0,
             read: 0,
             lines: 0,
+            foreign_line: None,
         }
     }
 
@@ -98,6 +101,11 @@ impl Program {
     /// Bytes read so far.
     pub fn read(&self) -> u64 {
         self.read
+    }
+
+    /// The number of the first line read so far that is not UTF-8.
+    pub fn foreign_line(&self) -> Option<u64> {
+        self.foreign_line
     }
 
     /// The next line without its end; `None` at the end of the program.
@@ -137,36 +145,50 @@ impl Program {
             self.lines,
             self.name
         );
+        if self.foreign_line.is_none() && str::from_utf8(&line).is_err() {
+            self.foreign_line = Some(self.lines);
+        }
         self.ready
             .extend(line.split(|byte| *byte == b'\r').map(sent));
         Ok(self.ready.pop_front())
     }
 }
 
+/// What is said of a file with text that is not UTF-8, from this line on.
+pub fn encoding_warning(line: u64) -> String {
+    format!(
+        "line {line} is not UTF-8 but, perhaps, Latin-1 or Shift-JIS: to a machine such bytes may be realtime commands, \
+         and they are not sent"
+    )
+}
+
 /// A line as it is sent.
 fn sent(line: &[u8]) -> Vec<u8> {
     let mut sent = Vec::with_capacity(line.len());
     let (mut in_parentheses, mut in_rest) = (false, false);
-    for &byte in line {
-        let is_code = !in_parentheses && !in_rest;
-        match byte {
-            b'(' if is_code => in_parentheses = true,
-            b')' if !in_rest => in_parentheses = false,
-            b';' if is_code => in_rest = true,
-            _ => {}
+    for chunk in line.utf8_chunks() {
+        for character in chunk.valid().chars() {
+            let is_code = !in_parentheses && !in_rest;
+            match character {
+                '(' if is_code => in_parentheses = true,
+                ')' if !in_rest => in_parentheses = false,
+                ';' if is_code => in_rest = true,
+                _ => {}
+            }
+            let is_first = sent.is_empty();
+            match character {
+                '\u{a0}' if is_first => sent.push(b' '),
+                '?' | '!' | '~' | '\x18' | '\u{80}'..='\u{9f}' if is_code => sent.push(REFUSED),
+                '\u{a1}'..='\u{a3}' if is_code && is_first => sent.push(REFUSED),
+                '?' | '!' | '~' | '\x18' | '\u{80}'..='\u{9f}' => {}
+                _ => sent.extend(character.encode_utf8(&mut [0; 4]).bytes()),
+            }
         }
-        if !is_realtime(byte) {
-            sent.push(byte);
-        } else if is_code {
+        if !chunk.invalid().is_empty() && !in_parentheses && !in_rest {
             sent.push(REFUSED);
         }
     }
     sent
-}
-
-/// Whether the machine acts on a byte wherever it stands.
-fn is_realtime(byte: u8) -> bool {
-    matches!(byte, b'?' | b'!' | b'~' | 0x18 | 0x80..)
 }
 
 #[cfg(test)]
@@ -192,19 +214,48 @@ mod tests {
     }
 
     #[test]
-    fn realtime_bytes_of_a_file_are_not_sent() {
+    fn realtime_bytes_of_a_file_are_not_sent_and_text_is() {
         let sent = lines("G1 (size? 5 \u{b5}m!) X1 ; what?\n".as_bytes());
-        assert_eq!(sent, [b"G1 (size 5 m) X1 ; what".to_vec()]);
+        assert_eq!(sent, ["G1 (size 5 \u{b5}m) X1 ; what".as_bytes()]);
+        assert_eq!(lines(b"(\xc4nderung \x84) G0"), [b"(nderung ) G0"]);
+        assert_eq!(
+            lines("\u{a0}G0 (a\u{84}b\u{3084})".as_bytes()),
+            [" G0 (ab\u{3084})".as_bytes()]
+        );
     }
 
     #[test]
     fn what_is_not_sent_joins_no_digits() {
         assert_eq!(lines("\u{feff}G21\n".as_bytes()), [b"G21".to_vec()]);
-        for text in ["G1 X1\u{a0}5", "G1 X1?5", "G1 (a) X1\x185"] {
-            let sent = lines(text.as_bytes()).concat();
-            assert!(!sent.iter().copied().any(is_realtime), "{text}");
-            assert!(sent.contains(&REFUSED), "{text}");
+        for text in [
+            &b"G1 X1\xa05"[..],
+            b"G1 X1?5",
+            b"G1 (a) X1\x185",
+            b"G1 X1\xc2\x845",
+            b"\xc2\xa1",
+        ] {
+            let sent = lines(text).concat();
+            assert!(
+                sent.is_ascii() && !sent.contains(&b'?') && !sent.contains(&0x18),
+                "{text:x?}"
+            );
+            assert!(sent.contains(&REFUSED), "{text:x?}");
         }
+        assert_eq!(
+            lines("G1 X1\u{2013}5".as_bytes()),
+            ["G1 X1\u{2013}5".as_bytes()]
+        );
+    }
+
+    #[test]
+    fn the_first_line_that_is_not_utf_8_is_known() {
+        let text = b"G0\n(\x8f\xc9)\n(\xc4)\n".to_vec();
+        let mut program = Program::from_bytes("test".into(), text);
+        let mut found = Vec::new();
+        while program.next_line().unwrap().is_some() {
+            found.push(program.foreign_line());
+        }
+        assert_eq!(found, [None, Some(2), Some(2)]);
     }
 
     #[test]

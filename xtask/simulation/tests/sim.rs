@@ -136,6 +136,34 @@ fn a_program_with_numbers_and_checksums_of_its_own_is_sent_as_it_is() {
 }
 
 #[test]
+fn text_is_sent_as_it_is_and_a_file_that_is_not_utf_8_is_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("job.nc");
+    for (comment, is_reported) in [
+        ("(Änderung: 粗加工)".as_bytes(), false),
+        (b"(\xc4nderung \x84)", true),
+    ] {
+        fs::write(&file, [b"G21\n", comment, b"\nG1 X1 F600\n"].concat()).unwrap();
+        let run = done(folder.path(), &["job.nc"], "");
+        assert!(run.status.success(), "{}", text(&run.stderr));
+        assert!(
+            text(&run.stdout).contains("X 1.000 mm"),
+            "{}",
+            text(&run.stdout)
+        );
+        let is_there = text(&run.stderr).contains("line 2 is not UTF-8");
+        assert_eq!(is_there, is_reported, "{}", text(&run.stderr));
+    }
+    fs::write(&file, "G1 X1\u{2013}5 F600\n").unwrap();
+    let run = done(folder.path(), &["job.nc"], "");
+    assert!(
+        text(&run.stdout).contains("error:"),
+        "{}",
+        text(&run.stdout)
+    );
+}
+
+#[test]
 fn the_version_is_that_of_the_workspace() {
     let folder = tempfile::tempdir().unwrap();
     let run = done(folder.path(), &["--version"], "");

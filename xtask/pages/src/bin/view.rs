@@ -24,7 +24,7 @@ use simulation::{
     machine::SwitchPositions,
     output::{self, Output},
     play::{self, Run},
-    program::Program,
+    program::{Program, encoding_warning},
     settings, summary,
 };
 use tempfile::TempDir;
@@ -68,6 +68,9 @@ fn run(options: &Options) -> Result<ExitCode> {
     let figures = play::stream(program, &mut simulator, run)?;
     if figures.lines == 0 {
         ui::warning(&format!("{name} is empty"));
+    }
+    if let Some(line) = figures.foreign_line {
+        ui::warning(&encoding_warning(line));
     }
     summary::print_refusals(&figures.refusals);
     let is_clean = figures.is_clean();

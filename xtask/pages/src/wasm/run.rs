@@ -14,7 +14,7 @@ use simulation::{
     Cause, Recording, SwitchPositions,
     figures::Figures,
     playing::{self, Playing},
-    program::Program,
+    program::{Program, encoding_warning},
     settings::{Dump, Loaded, decoded},
 };
 
@@ -146,6 +146,7 @@ impl Run {
         if figures.lines == 0 {
             warnings.push(format!("{name} is empty"));
         }
+        warnings.extend(figures.foreign_line.map(encoding_warning));
         if !has_switches && figures.misses_switches() {
             warnings.push("the machine has no switches and no probe".into());
         }

@@ -9,7 +9,7 @@ use simulation::{
     machine_answers::{self, MachineAnswers, searches},
     output, play,
     play::Run,
-    program::Program,
+    program::{Program, encoding_warning},
 };
 
 use crate::path_follower::PathFollower;
@@ -39,6 +39,9 @@ impl Rehearsal {
             recorder: &mut recording,
         };
         let figures = play::stream(program, &mut simulator, run)?;
+        if let Some(line) = figures.foreign_line {
+            ui::warning(&encoding_warning(line));
+        }
         let refused = figures.responses.refused();
         if refused > 0 {
             ui::warning(&format!("{refused} lines of the job are refused"));

@@ -29,7 +29,7 @@ use grbl_client::{
 use simulation::{
     interrupt,
     machine_answers::{self, UNLIMITED_BAUD},
-    program::Program,
+    program::{Program, encoding_warning},
 };
 
 use approach::Plunge;
@@ -166,6 +166,9 @@ fn read(path: &Path) -> Result<Vec<Vec<u8>>> {
         lines.push(line);
     }
     ensure!(!lines.is_empty(), "{} is empty", path.display());
+    if let Some(line) = program.foreign_line() {
+        ui::warning(&encoding_warning(line));
+    }
     Ok(lines)
 }
 
