@@ -226,7 +226,7 @@ impl Motion {
     ) -> Snapshot {
         self.configure(settings, inputs);
         self.published.outputs.drivers = settings.idle_delay_ms == IDLE_DELAY_INFINITE;
-        if settings.homing || self.is_on_limit() {
+        if settings.is_homing_on() || self.is_on_limit() {
             self.control.state = State::Alarm;
         }
         if let Some(alarm) = alarm {

@@ -1,14 +1,14 @@
 //! Soft limits, `$20`: moves that leave the travel of the machine.
 //!
-//! The travel of an axis is 0 down to minus `$130`..; with 0 it has no limits, as a rotary axis that turns freely, in
-//! grblHAL too. The farthest points of an arc are computed from
+//! The travel of an axis is what [`Settings::travel`] returns; with `$130`.. = 0 it has no limits, as a rotary axis that
+//! turns freely, in grblHAL too. The farthest points of an arc are computed from
 //! its exact geometry, not from chords. Runs once per line, in `interpret`.
 
 use core::f64::consts::FRAC_PI_2;
 
 use super::{TiltedArc, arc::Arc};
 use crate::{
-    axis::{AXES, Axes, LINEAR},
+    axis::{AXES, Axes},
     model::{Circle, Command},
     settings::Settings,
     units::Nm,
@@ -43,33 +43,27 @@ pub fn leaves_travel(settings: &Settings, from: &Axes<Nm>, command: &Command) ->
     }
 }
 
-/// Returns the lowest coordinate of an axis, nm.
-fn lowest(settings: &Settings, axis: usize) -> i64 {
-    -Nm::from_mm_f64(f64::from(settings.max_travel_mm[axis])).0
-}
-
-/// Returns whether an axis has a travel: one that `E` drives has none, nor has one for which 0 is set.
-fn has_travel(settings: &Settings, axis: usize) -> bool {
-    let is_driven = axis >= LINEAR && axis + 1 == usize::from(settings.extruder_axis);
-    !is_driven && settings.max_travel_mm[axis] != 0.0
-}
-
 /// Returns true if a position is outside the travel.
 #[must_use]
 pub fn is_outside(settings: &Settings, position: &Axes<Nm>) -> bool {
-    (0..AXES).any(|axis| {
-        has_travel(settings, axis)
-            && (position[axis].0 > 0 || position[axis].0 < lowest(settings, axis))
-    })
+    (0..AXES).any(|axis| is_axis_outside(settings, axis, position[axis]))
+}
+
+/// Returns true if a position of an axis is outside the travel.
+#[must_use]
+pub fn is_axis_outside(settings: &Settings, axis: usize, position: Nm) -> bool {
+    let travel = settings.travel(axis);
+    travel.is_some_and(|[lowest, highest]| position < lowest || position > highest)
 }
 
 /// Returns true if a computed position is inside the travel, as far as it is exact.
 fn is_nearly_inside(settings: &Settings, position: &Axes<Nm>) -> bool {
     (0..AXES).all(|axis| {
-        let is_free = !has_travel(settings, axis);
+        let Some([lowest, highest]) = settings.travel(axis) else {
+            return true;
+        };
         let position = position[axis].0;
-        is_free
-            || position <= EXTREME_ERROR_NM && position >= lowest(settings, axis) - EXTREME_ERROR_NM
+        position <= highest.0 + EXTREME_ERROR_NM && position >= lowest.0 - EXTREME_ERROR_NM
     })
 }
 
@@ -86,13 +80,14 @@ fn arc_leaves(settings: &Settings, from: &Axes<Nm>, to: &Axes<Nm>, circle: &Circ
         let Some(radius) = arc.extreme_mm(f64::from(quadrant) * FRAC_PI_2) else {
             return false;
         };
+        let Some([lowest, highest]) = settings.travel(axis) else {
+            return false;
+        };
         let radius = Nm::from_mm_f64(radius).0;
-        if !has_travel(settings, axis) {
-            false
-        } else if quadrant < 2 {
-            centre.0.saturating_add(radius) > EXTREME_ERROR_NM
+        if quadrant < 2 {
+            centre.0.saturating_add(radius) > highest.0 + EXTREME_ERROR_NM
         } else {
-            centre.0.saturating_sub(radius) < lowest(settings, axis) - EXTREME_ERROR_NM
+            centre.0.saturating_sub(radius) < lowest.0 - EXTREME_ERROR_NM
         }
     })
 }

@@ -146,7 +146,7 @@ impl<'a> Dollar<'a> {
     ) -> Result<Self, LineError> {
         match statement {
             [b'#'] => Ok(Self::List(List::Parameters)),
-            [b'H', ..] if !settings.homing => Err(LineError::HomingDisabled),
+            [b'H', ..] if !settings.is_homing_on() => Err(LineError::HomingDisabled),
             [b'H', ..] if is_door_open => Err(LineError::DoorOpen),
             [b'H'] => Ok(Self::Home(0)),
             [b'H', letter] => axis_mask(*letter).map(Self::Home),
@@ -335,7 +335,7 @@ mod tests {
     #[test]
     fn every_statement_is_read_from_its_words_and_shown_in_the_help() {
         let settings = Settings {
-            homing: true,
+            homing: 1,
             ..Settings::default()
         };
         let mut help = Text::new();
@@ -362,7 +362,7 @@ mod tests {
     #[test]
     fn homing_needs_to_be_switched_on_a_closed_door_and_an_axis() {
         let settings = Settings {
-            homing: true,
+            homing: 1,
             ..Settings::default()
         };
         let read =

@@ -130,8 +130,8 @@ enum AfterCommands {
     Miss,
     /// The result of homing, and the startup lines after homing all axes.
     Home {
-        /// All axes.
-        is_all: bool,
+        /// The axes, bit 0 = X; 0 for all.
+        mask: u8,
     },
     /// The return from a change of the tool.
     ToolPause,
@@ -222,9 +222,6 @@ pub struct Session {
     host: Host,
     /// The position as it was sent last, unasked.
     stream: PositionStream,
-    /// The axes are where their coordinates say: nothing has happened since homing by which they may
-    /// have lost steps.
-    is_homed: bool,
     /// Why the firmware has begun to run.
     reset_cause: ResetCause,
     /// What the self-test at power-up has found wrong.
@@ -272,7 +269,6 @@ impl Session {
             tool_change: ToolChange::new(),
             host: Host::new(),
             stream: PositionStream::default(),
-            is_homed: false,
             reset_cause: ResetCause::Power,
             self_test_fault: None,
             faults: FaultCounts::default(),

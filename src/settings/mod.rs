@@ -12,6 +12,7 @@ mod storage;
 mod stored;
 mod table;
 mod tool_table;
+mod travel;
 
 pub use assign::{SettingError, assign, numbered};
 pub use kind::{DataType, Kind, Value, ValueRange};
@@ -138,10 +139,12 @@ settings! {
     report_inches: bool = false,
     /// `$20` Soft limits.
     soft_limits: bool = false,
+    /// `$40` Whether jogs are shortened to the travel of axes that are homed.
+    shortens_jogs: bool = false,
     /// `$21` Hard limits.
     hard_limits: bool = false,
-    /// `$22` Homing cycle.
-    homing: bool = false,
+    /// `$22` Homing cycle: bit 0 on, bit 3 zero is where it ends.
+    homing: u8 = 0,
     /// `$23` Axes that home towards their negative end, bit 0 = X.
     homing_direction: u8 = 0,
     /// `$24` Speed at which homing locates the switch, mm/min.

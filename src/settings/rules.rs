@@ -10,20 +10,31 @@ use crate::{
     model::{HAS_HALF_STEPS, HAS_REPRAP},
 };
 
-/// Refuses soft limits without homing.
+/// Refuses bits of `$22` that the firmware does not have, and those that mean nothing without homing.
+pub(super) fn homing_is_known(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
+    const ON: u8 = Settings::HOMING_ON;
+    const AT_ZERO: u8 = Settings::HOMING_ON | Settings::ZERO_AT_HOME;
+    match settings.homing {
+        0 | ON | AT_ZERO => Ok(()),
+        _ => Err(SettingError::OutOfRange),
+    }
+}
+
+/// Refuses soft limits, of programs or of jogs, without homing.
 pub(super) fn soft_limits_need_homing(
     settings: &Settings,
     _axis: usize,
 ) -> Result<(), SettingError> {
-    if settings.soft_limits && !settings.homing {
+    if (settings.soft_limits || settings.shortens_jogs) && !settings.is_homing_on() {
         return Err(SettingError::NeedsHoming);
     }
     Ok(())
 }
 
-/// Switches soft limits off with homing.
-pub(super) fn soft_limits_end_with_homing(settings: &mut Settings, _axis: usize) {
-    settings.soft_limits &= settings.homing;
+/// Switches soft limits off with homing, of programs and of jogs.
+pub(super) fn limits_end_with_homing(settings: &mut Settings, _axis: usize) {
+    settings.soft_limits &= settings.is_homing_on();
+    settings.shortens_jogs &= settings.is_homing_on();
 }
 
 /// Refuses a resolution and a largest speed that together exceed the step rate of an axis.

@@ -16,7 +16,7 @@ const PER_MM: i32 = 80;
 fn settings() -> Settings {
     Settings {
         core_xy: true,
-        homing: true,
+        homing: 1,
         homing_seek_mm_min: 2000.0,
         homing_feed_mm_min: 200.0,
         ..fast()
@@ -101,7 +101,7 @@ fn physical_mm(machine: &Machine) -> [f64; 2] {
 
 fn unlocked() -> Settings {
     Settings {
-        homing: false,
+        homing: 0,
         ..settings()
     }
 }

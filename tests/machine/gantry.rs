@@ -19,7 +19,7 @@ const PULL_OFF: i32 = PER_MM;
 
 fn settings() -> Settings {
     Settings {
-        homing: true,
+        homing: 1,
         homing_seek_mm_min: 2000.0,
         homing_feed_mm_min: 200.0,
         ..fast()

@@ -13,7 +13,7 @@ use proptest::prelude::*;
 /// As the recorded machine is set: 80 steps/mm, 5000 mm/min, 500 mm/s².
 fn machine() -> Settings {
     Settings {
-        homing: true,
+        homing: 1,
         homing_seek_mm_min: 2000.0,
         homing_feed_mm_min: 200.0,
         ..fast()

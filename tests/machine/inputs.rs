@@ -28,7 +28,7 @@ fn run_us(machine: &mut Machine, us: u64) {
 /// A machine as recorded, with its switches.
 fn homing_machine() -> Machine {
     let mut machine = Machine::with(&Settings {
-        homing: true,
+        homing: 1,
         homing_seek_mm_min: 2000.0,
         homing_feed_mm_min: 200.0,
         ..fast()
@@ -55,7 +55,7 @@ fn homing_is_answered_when_it_is_over() {
 #[test]
 fn homing_that_fails_locks_the_machine() {
     let mut machine = Machine::with(&Settings {
-        homing: true,
+        homing: 1,
         homing_seek_mm_min: 5000.0,
         max_travel_mm: Axes::all(50.0),
         ..fast()

@@ -161,7 +161,7 @@ fn a_door_that_opens_before_anything_was_sent_is_seen() {
 #[test]
 fn without_its_crystal_a_machine_says_so_and_does_not_move() {
     let settings = Settings {
-        homing: true,
+        homing: 1,
         ..Settings::default()
     };
     let fault = SelfTestFault::NoCrystal;
@@ -204,7 +204,7 @@ fn after_the_watchdog_or_a_fault_the_position_is_lost_and_the_cause_reported() {
     for cause in ResetCause::ALL {
         for homing in [false, true] {
             let settings = Settings {
-                homing,
+                homing: u8::from(homing),
                 ..Settings::default()
             };
             let mut machine = Machine::of(Simulator::after(&settings, cause));

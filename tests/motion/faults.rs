@@ -228,7 +228,7 @@ fn all_axes_at_once_make_no_more_steps_than_are_proven() {
 #[test]
 fn a_homing_cycle_whose_events_ran_out_ends() {
     let settings = Settings {
-        homing: true,
+        homing: 1,
         ..with(&[80.0], &[5000.0], &[500.0])
     };
     let mut machine = ManualDrive::new(&settings);

@@ -70,7 +70,7 @@ impl Bench {
     }
 
     pub(crate) fn booting_with(stored: &Stored, is_first_boot: bool) -> Self {
-        let state = if stored.settings.homing {
+        let state = if stored.settings.is_homing_on() {
             State::Alarm
         } else {
             State::Idle

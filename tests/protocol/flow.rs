@@ -195,7 +195,7 @@ fn nothing_is_sent_before_the_machine_has_acted_on_a_reset() {
 #[test]
 fn with_homing_the_machine_starts_locked() {
     let settings = Settings {
-        homing: true,
+        homing: 1,
         ..Settings::default()
     };
     let mut bench = Bench::booting(settings);

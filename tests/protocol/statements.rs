@@ -10,7 +10,7 @@ use super::bench::{Bench, UNLOCK, WELCOME};
 
 fn homing() -> Bench {
     let mut bench = Bench::booting(Settings {
-        homing: true,
+        homing: 1,
         ..Settings::default()
     });
     assert_eq!(bench.serve(), [WELCOME[0], WELCOME[1], UNLOCK]);

@@ -93,7 +93,7 @@ proptest! {
     ) {
         let settings = Settings {
             parking,
-            homing: parking,
+            homing: u8::from(parking),
             parking_pull_out_mm: 0.1,
             parking_target_mm: 1.0,
             ..settings

@@ -15,7 +15,7 @@ use crate::{
 fn above_work() -> Rig {
     let settings = Settings {
         parking: true,
-        homing: true,
+        homing: 1,
         ..fast()
     };
     let mut rig = Rig::new(&settings);
@@ -75,7 +75,7 @@ fn parking_far_at_a_fine_resolution_keeps_the_limits() {
     let mm = [200_i16, 40][usize::from(each(2) > 1)];
     let settings = Settings {
         parking: true,
-        homing: true,
+        homing: 1,
         parking_target_mm: mm.into(),
         parking_mm_min: 600.0,
         ..with(&[80.0, 80.0, 10_000.0], &[5000.0, 5000.0, 240.0], &[500.0])

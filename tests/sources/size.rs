@@ -7,7 +7,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
     ("proof", 28_200),
     ("src", 34_300),
-    ("tests", 39_400),
+    ("tests", 39_650),
     ("xtask", 22_500),
 ];
 

@@ -69,7 +69,7 @@ impl Rig {
             now: 0,
             sent: 0,
             cancelled_motions: 0,
-            is_recovering: settings.homing,
+            is_recovering: settings.is_homing_on(),
             feed_ticks: 0,
             control: PathControl::ExactPath,
             blended: Vec::new(),

@@ -4,7 +4,7 @@
 
 use super::{
     Action, Checked, Hint, Interpreter, LineKind, Move, arc, compensation, cycle,
-    drilling::Drilling, power, targets, tools,
+    drilling::Drilling, home, power, targets, tools,
 };
 use crate::{
     axis::Axes,
@@ -51,6 +51,9 @@ fn check_parsed(
     check_motion(state, settings, parsed, &mut unused, &mut checked)?;
     compensation::check_line(&checked)?;
     check_words(kind, parsed, unused)?;
+    if kind == LineKind::Jog && settings.shortens_jogs {
+        home::shorten_jog(state, settings, &mut checked);
+    }
     check_reach(state, settings, &checked)?;
     let is_motion = parsed.has_target() && parsed.axis_command == AxisCommand::Motion;
     power::set(state, settings, is_motion, &mut checked);
@@ -349,7 +352,7 @@ fn check_non_modal(
         NonModal::None | NonModal::Dwell => {}
     }
     if parsed.has_target() && parsed.axis_command != AxisCommand::ToolLength {
-        targets::set_target(state, parsed, checked);
+        targets::set_target(state, settings, parsed, checked);
     }
     Ok(())
 }
@@ -413,7 +416,7 @@ fn check_reach(
         check_position(settings, &checked.values)?;
     }
     if let Action::GoTo(reference) = checked.action {
-        check_position(settings, &state.offsets.stored(reference))?;
+        check_position(settings, &state.stored(reference))?;
     }
     if checked.tool != state.offsets.tool {
         check_position(settings, &checked.tool)?;

@@ -167,7 +167,7 @@ fn go_to(
     reference: StoredPosition,
     outcome: &mut Outcome,
 ) {
-    let stored = state.offsets.stored(reference);
+    let stored = state.stored(reference);
     let target = if checked.axes == 0 {
         stored
     } else {

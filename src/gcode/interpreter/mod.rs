@@ -15,6 +15,7 @@ mod commit;
 mod compensation;
 mod cycle;
 mod drilling;
+mod home;
 mod offsets;
 mod plain;
 mod power;
@@ -27,6 +28,7 @@ use checked::{Action, LineKind, Move};
 use compensation::Compensation;
 use cycle::CycleWords;
 use drilling::Drilling;
+use home::Home;
 use offsets::Frame;
 
 pub use checked::Checked;
@@ -77,6 +79,7 @@ pub struct Interpreter {
     drilling: Option<Drilling>,
     compensation: Compensation,
     tools: ToolTable,
+    home: Home,
 }
 
 /// The commands and messages of a committed line.
@@ -135,6 +138,7 @@ impl Interpreter {
             cycle: CycleWords::default(),
             drilling: None,
             compensation: Compensation::default(),
+            home: Home::NONE,
         }
     }
 

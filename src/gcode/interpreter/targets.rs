@@ -1,11 +1,12 @@
 //! Axis words to coordinates: targets of moves, origins, offsets.
 
-use super::{Checked, Interpreter, check::MM_PER_INCH, offsets::Frame};
+use super::{Checked, Interpreter, check::MM_PER_INCH, home, offsets::Frame};
 use crate::{
     axis::{AXES, Axes, X, Y, Z},
     decimal::Decimal,
     gcode::{Distance, LineError, NonModal, ParsedLine, Units, Word, Words},
     model::WorkCoordinates,
+    settings::Settings,
     units::{MicroDegrees, Nm},
 };
 
@@ -144,7 +145,12 @@ pub(super) fn given_work_offset(state: &Interpreter, parsed: &ParsedLine) -> Axe
 }
 
 /// Sets the target of the axis words, in the machine frame: exactly, and in Grbl's single precision.
-pub(super) fn set_target(state: &Interpreter, parsed: &ParsedLine, checked: &mut Checked) {
+pub(super) fn set_target(
+    state: &Interpreter,
+    settings: &Settings,
+    parsed: &ParsedLine,
+    checked: &mut Checked,
+) {
     let frame = frame(state, checked);
     let is_of_machine = parsed.non_modal == NonModal::MachineCoordinates;
     if !frame.rotation.is_none() && !is_of_machine {
@@ -176,6 +182,13 @@ pub(super) fn set_target(state: &Interpreter, parsed: &ParsedLine, checked: &mut
             };
             checked.values[axis] = base[axis] + exact;
             checked.single_mm[axis] = single_base[axis] + single;
+            if is_of_machine {
+                let end = home::before_switch(state, settings, axis, exact);
+                if end != exact {
+                    checked.values[axis] = end;
+                    checked.single_mm[axis] = end.to_mm();
+                }
+            }
         }
     }
     if !frame.rotation.is_none() {

@@ -44,7 +44,7 @@ impl Interpreter {
         }
         self.switch_coolant(Coolant::OFF, outcome);
         if let Some(height) = height {
-            let g30 = self.offsets.stored(StoredPosition::G30);
+            let g30 = self.stored(StoredPosition::G30);
             self.travel(&g30, height.max(self.position[Z]), outcome);
         }
         outcome.add(Command::ToolPause);

@@ -135,10 +135,10 @@ pub(super) fn write_motors(
         } else {
             given
         };
-        let travel_mm = context.settings.max_travel_mm[axis];
-        let lowest = -Nm::from_mm_f64(f64::from(travel_mm)).0;
-        let has_travel = context.is_homed && travel_mm != 0.0;
-        if has_travel && !(lowest..=0).contains(&target.0) {
+        if context.is_homed
+            && let Some([lowest, highest]) = context.settings.travel(axis)
+            && !(lowest..=highest).contains(&target)
+        {
             return Err(LineError::InvalidTarget);
         }
         write_coordinate(axis, target, codes, context, write);

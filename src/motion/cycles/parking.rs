@@ -86,7 +86,7 @@ impl Parking {
     /// must not burn meanwhile.
     pub(crate) fn configure(&mut self, settings: &Settings) {
         let steps_per_mm = settings.steps_per_mm[Z].to_f32();
-        self.is_enabled = settings.parking && settings.homing && !settings.laser;
+        self.is_enabled = settings.parking && settings.is_homing_on() && !settings.laser;
         self.target = FineSteps(whole(settings.parking_target_mm * steps_per_mm));
         self.pull_out = whole(settings.parking_pull_out_mm * steps_per_mm);
         self.slow_mm_s = settings.parking_pull_out_mm_min / 60.0;

@@ -4,13 +4,16 @@
 
 use super::{AfterCommands, LineStage, Links, Progress, Session, Source, dispatch::answer};
 use crate::{
-    axis::AXES,
+    axis::{AXES, LINEAR},
     gcode::LineError,
     machine::Snapshot,
     model::{Levels, State},
     path::Work,
     protocol::report::{self, Feedback},
 };
+
+/// The axes that are homed unless others are named, beside those that home by marks.
+const LINEAR_AXES: u8 = (1 << LINEAR) - 1;
 
 impl Session {
     /// Ends the lock of an alarm, once the machine stands still, and compensation in any state.
@@ -53,12 +56,12 @@ impl Session {
             return self.refuse(LineError::LimitsEngaged);
         }
         self.send_work(Work::Home(mask), links);
-        self.stage = LineStage::Completing(AfterCommands::Home { is_all });
+        self.stage = LineStage::Completing(AfterCommands::Home { mask });
         Progress::Again
     }
 
     /// Ends homing. A failure has been reported as an alarm, and ends with a reset.
-    pub(super) fn end_homing(&mut self, machine: &Snapshot, is_all: bool) -> Progress {
+    pub(super) fn end_homing(&mut self, machine: &Snapshot, mask: u8) -> Progress {
         let is_host = self.host.dialect.is_reprap();
         if machine.state == State::Alarm && is_host {
             return self.refuse(LineError::Locked);
@@ -67,11 +70,16 @@ impl Session {
             return self.answer_and_reset();
         }
         self.adopt_position(machine);
+        let settings = &self.persistence.stored.settings;
+        let axes = match mask {
+            0 => LINEAR_AXES | settings.homing_marks,
+            mask => mask,
+        };
+        self.interpreter.set_homed(axes, settings);
         if is_host {
-            return self.end_host_homing(is_all);
+            return self.end_host_homing();
         }
-        self.is_homed |= is_all;
-        if !is_all {
+        if mask != 0 {
             return self.accept();
         }
         self.line.source = Source::Startup {

@@ -6,11 +6,11 @@
 
 use super::{LineStage, Links, Progress, Session};
 use crate::{
-    axis::Axes,
+    axis::{AXES, Axes},
     gcode::LineError,
     machine::Snapshot,
     model::{Requests, State},
-    path::{Misfit, is_outside},
+    path::{Misfit, is_axis_outside},
     units::Nm,
 };
 
@@ -103,8 +103,18 @@ impl Session {
         let settings = &self.persistence.stored.settings;
         let line = self.line.input.text().unwrap_or_default();
         let line = line.get(3..).unwrap_or_default();
-        let is_beyond = |target: &Axes<Nm>| settings.soft_limits && is_outside(settings, target);
         let interpreter = &mut self.interpreter;
+        let shortened = if settings.shortens_jogs {
+            interpreter.homed_axes()
+        } else {
+            0
+        };
+        let is_axis_beyond = |axis: usize, target: &Axes<Nm>| {
+            shortened >> axis & 1 == 0 && is_axis_outside(settings, axis, target[axis])
+        };
+        let is_beyond = |target: &Axes<Nm>| {
+            settings.soft_limits && (0..AXES).any(|axis| is_axis_beyond(axis, target))
+        };
         let checked = if interpreter.is_beside_path() && !interpreter.is_compensating() {
             let cutter = self.compensator.end();
             interpreter.check_jog_beside_path(line, settings, cutter, is_beyond)

@@ -271,7 +271,9 @@ impl Session {
             }
             if result.is_ok() {
                 self.host.extruder = self.host.next_extruder;
-                self.is_homed &= !core::mem::take(&mut self.host.moves_motors);
+                if core::mem::take(&mut self.host.moves_motors) {
+                    self.interpreter.forget_home();
+                }
             }
             return self.begin_line();
         };

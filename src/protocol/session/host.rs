@@ -240,14 +240,14 @@ impl Session {
             Restart::Plain | Restart::Unlocking => {
                 host.alarm = None;
                 host.reset();
-                self.is_homed &= !links.machine.reset_in_motion;
+                self.forget_home_after(links.machine);
                 self.restart();
                 self.interpreter.set_default_feed(DEFAULT_FEED_MM_MIN);
                 self.restore_limits();
                 self.stage = LineStage::Welcoming;
             }
             Restart::Killing => {
-                self.is_homed &= !links.machine.reset_in_motion;
+                self.forget_home_after(links.machine);
                 self.host.command = None;
                 self.restart();
                 self.interpreter.set_default_feed(DEFAULT_FEED_MM_MIN);
@@ -286,6 +286,13 @@ impl Session {
         self.machine_sync.has_release_request = true;
         self.host.restart = Restart::Plain;
         false
+    }
+
+    /// A reset in motion may have cost steps.
+    fn forget_home_after(&mut self, machine: &Snapshot) {
+        if machine.reset_in_motion {
+            self.interpreter.forget_home();
+        }
     }
 
     /// Returns whether lines have to wait for the end of a reset.

@@ -12,7 +12,6 @@ use crate::{
     path::Work,
     protocol::{listing, replies, report},
     settings::Settings,
-    units::Nm,
 };
 
 /// Limits that a program has lowered, up to the next reset.
@@ -158,7 +157,7 @@ impl Session {
     /// Homes the axes of a mask, 0 for all but the one that `E` drives.
     fn home_from_host(&mut self, mask: u8, links: &mut Links<'_, '_>) -> Progress {
         let settings = &self.persistence.stored.settings;
-        if !settings.homing {
+        if !settings.is_homing_on() {
             text_only(&mut self.reports.message, "echo:homing is off, $22");
             return self.accept();
         }
@@ -173,17 +172,16 @@ impl Session {
     }
 
     /// Ends homing by `G28`: the axes are at their travel from its negative end.
-    pub(super) fn end_host_homing(&mut self, is_all: bool) -> Progress {
+    pub(super) fn end_host_homing(&mut self) -> Progress {
         let Some(HostCommand::Home(mask)) = self.host.command else {
             return self.accept();
         };
         let settings = &self.persistence.stored.settings;
         let mask = if mask == 0 { (1 << LINEAR) - 1 } else { mask };
-        let has_all = mask == (1 << LINEAR) - 1;
-        self.is_homed |= is_all || has_all && settings.extruder_axis != 0;
         let position = self.interpreter.position();
         let work = Axes::from_fn(|axis| {
-            position[axis] + Nm::from_mm_f64(f64::from(settings.max_travel_mm[axis]))
+            let [lowest, _] = settings.travel(axis).unwrap_or_default();
+            position[axis] - lowest
         });
         self.interpreter.place(mask, &work);
         self.reports.cadence.offset_changed();

@@ -207,7 +207,7 @@ impl Session {
             position: self.interpreter.position(),
             paused_at: host.paused_at,
             is_idle,
-            is_homed: self.is_homed,
+            is_homed: self.interpreter.is_homed(),
         };
         let input = &mut self.line.input;
         let meaning = match reprap::read(host.raw.words(), &context, |text| input.push(text)) {
@@ -235,7 +235,7 @@ impl Session {
     pub(super) fn write_refusal(&mut self, error: LineError) {
         let text = &mut self.reports.message;
         let words = self.host.raw.words();
-        let is_homing = self.persistence.stored.settings.homing;
+        let is_homing = self.persistence.stored.settings.is_homing_on();
         replies::refusal(text, error, words, self.host.alarm, is_homing);
         report::ok(text);
     }

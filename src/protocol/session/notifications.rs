@@ -121,7 +121,9 @@ impl Session {
             // Sent with the welcome.
             Notice::Alarm(Alarm::ResetInMotion) => {}
             Notice::Alarm(alarm) => {
-                self.is_homed &= alarm.keeps_position();
+                if !alarm.keeps_position() {
+                    self.interpreter.forget_home();
+                }
                 self.host.alarm = Some(alarm);
                 if self.host.dialect.is_reprap() {
                     replies::stopped(text, alarm);
@@ -226,7 +228,7 @@ impl Session {
                 report::feedback(text, Feedback::ResetNeeded);
             }
             self.reports.has_reported_fault = true;
-            self.is_homed = false;
+            self.interpreter.forget_home();
         }
         self.reports.flush(links.sent) && is_host
     }

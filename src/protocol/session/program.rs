@@ -124,7 +124,7 @@ impl Session {
             }
             LineStage::Completing(after) => match after {
                 AfterCommands::ToolPause | AfterCommands::ToolReturn | AfterCommands::Again => true,
-                AfterCommands::Home { is_all } => is_all && has_startup_from(0),
+                AfterCommands::Home { mask } => mask == 0 && has_startup_from(0),
                 _ => false,
             },
             LineStage::StartingUp(first) => has_startup_from(first),
@@ -408,7 +408,8 @@ impl Session {
 
     /// Returns whether some move of the line leaves the travel of the machine, where that is an error.
     pub(super) fn leaves_travel(&self, machine: &Snapshot, from: Axes<Nm>) -> bool {
-        if !self.persistence.stored.settings.soft_limits {
+        // A jog has been checked before.
+        if !self.persistence.stored.settings.soft_limits || self.line.source == Source::Jog {
             return false;
         }
         let is_checking = machine.state == State::Check;

@@ -110,7 +110,7 @@ impl Session {
             return false;
         }
         if links.machine.reset_in_motion && !self.host.dialect.is_reprap() {
-            self.is_homed = false;
+            self.interpreter.forget_home();
             report::alarm(&mut self.reports.message, Alarm::ResetInMotion);
         }
         if self.host.dialect.is_reprap() {
@@ -171,7 +171,7 @@ impl Session {
         let is_unlocking = self.is_unlocking_host();
         let text = &mut self.reports.message;
         if is_host {
-            replies::welcome(text, self.persistence.stored.settings.homing);
+            replies::welcome(text, self.persistence.stored.settings.is_homing_on());
         } else {
             report::welcome(text);
         }
@@ -181,7 +181,9 @@ impl Session {
         if machine.state == State::Alarm {
             match (is_host, is_unlocking) {
                 (false, _) => report::feedback(text, Feedback::Locked),
-                (true, false) => replies::locked(text, self.persistence.stored.settings.homing),
+                (true, false) => {
+                    replies::locked(text, self.persistence.stored.settings.is_homing_on());
+                }
                 (true, true) => {}
             }
             self.stage = LineStage::Reading;

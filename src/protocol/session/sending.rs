@@ -229,7 +229,7 @@ impl Session {
             }
             AfterCommands::Probe => self.end_probing(machine),
             AfterCommands::Miss => self.report_miss(machine),
-            AfterCommands::Home { is_all } => return self.end_homing(machine, is_all),
+            AfterCommands::Home { mask } => return self.end_homing(machine, mask),
             // `advance` calls what sends more commands.
             AfterCommands::ToolPause => return Progress::Again,
             AfterCommands::ToolReturn => return self.end_tool_change(),

@@ -23,7 +23,6 @@ use crate::{
         report::{self, Feedback},
     },
     settings::TOOL_CHANGE_IGNORED,
-    units::Nm,
 };
 
 /// The change of a tool for which the machine waits.
@@ -82,8 +81,8 @@ impl Session {
     pub(super) fn begin_tool_change(&mut self, links: &mut Links<'_, '_>) -> Progress {
         let from = self.interpreter.position();
         let settings = self.settings();
-        let is_moved = settings.tool_change_travel && self.is_homed;
-        let height = is_moved.then(|| Nm(0) - Nm::from_mm(settings.homing_pull_off_mm));
+        let is_moved = settings.tool_change_travel && self.interpreter.is_homed();
+        let height = is_moved.then(|| settings.top());
         let checked = &self.line.checked;
         let change = &mut self.tool_change;
         change.tool = checked.loaded_tool();

@@ -254,7 +254,7 @@ impl Setup {
             set(&mut settings, "795=1");
         }
         let own: &[&str] = match self.kind {
-            Kind::Marks => &["22=1", "20=1"],
+            Kind::Marks => &["22=9", "20=1", "40=1"],
             Kind::Switches => &["22=1", "20=1", "21=1", "24=600", "25=3000", "27=2"],
             Kind::Laser => &["32=1", "1=255"],
         };

@@ -58,21 +58,21 @@ fn the_defaults_of_grbl_change_nothing() {
 fn names_in_parentheses_of_grbl_0_9_are_skipped() {
     let settings = loaded("grbl-0.9.txt", &[]).settings;
     assert_eq!(settings.direction_invert, 5);
-    assert!(settings.homing && !settings.soft_limits);
+    assert!(settings.is_homing_on() && !settings.soft_limits);
     assert_eq!(settings.steps_per_mm[1].millionths(), 188_947_000);
 }
 
 #[test]
 fn a_log_of_a_terminal_is_read_for_what_came() {
     let settings = loaded("laser-log.txt", &[]).settings;
-    assert!(settings.laser && settings.soft_limits && settings.homing);
+    assert!(settings.laser && settings.soft_limits && settings.is_homing_on());
     assert_eq!(settings.max_rate_mm_min[0], 12_000.0);
 }
 
 #[test]
 fn soft_limits_may_stand_before_homing_and_speeds_before_resolutions() {
     let settings = loaded("router-edited.txt", &[]).settings;
-    assert!(settings.soft_limits && settings.homing && settings.report_inches);
+    assert!(settings.soft_limits && settings.is_homing_on() && settings.report_inches);
     assert_eq!(settings.step_pulse_us, 5);
     assert_eq!(settings.max_rate_mm_min.0[..3], [8000.0, 8000.0, 3000.0]);
 }

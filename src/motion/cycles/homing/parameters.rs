@@ -26,6 +26,8 @@ pub(super) struct HomingParameters {
     pub(super) search_mm_s: f32,
     pub(super) locate_mm_s: f32,
     pub(super) travel_mm: Axes<f32>,
+    /// Coordinate of each axis once it is homed, mm.
+    home_mm: Axes<f32>,
     pub(super) pull_off_mm: f32,
     pub(super) debounce_ticks: u32,
 }
@@ -38,6 +40,7 @@ impl HomingParameters {
         search_mm_s: 0.0,
         locate_mm_s: 0.0,
         travel_mm: Axes([0.0; AXES]),
+        home_mm: Axes([0.0; AXES]),
         pull_off_mm: 0.0,
         debounce_ticks: 0,
     };
@@ -52,6 +55,7 @@ impl HomingParameters {
         self.search_mm_s = speed_mm_s(settings.homing_seek_mm_min);
         self.locate_mm_s = speed_mm_s(settings.homing_feed_mm_min);
         self.travel_mm = settings.max_travel_mm;
+        self.home_mm = Axes::from_fn(|axis| settings.home_mm(axis));
         self.pull_off_mm = settings.homing_pull_off_mm;
         self.debounce_ticks = u32::from(settings.homing_debounce_ms) * TICKS_PER_MS;
     }
@@ -130,20 +134,9 @@ impl HomingParameters {
         }
     }
 
-    /// Returns the position of an axis once it is homed, steps, in Grbl's arithmetic: a pull-off from
-    /// the end of its travel, or the end itself where it homes by marks.
+    /// Returns the position of an axis once it is homed, steps, in Grbl's arithmetic.
     pub(super) fn home(&self, axis: usize) -> i32 {
-        let pull_off_mm = if self.by_marks >> axis & 1 == 0 {
-            self.pull_off_mm
-        } else {
-            0.0
-        };
-        let mm = if self.is_negative(axis) {
-            pull_off_mm - self.travel_mm[axis]
-        } else {
-            -pull_off_mm
-        };
-        round(mm * self.limits.steps_per_mm[axis])
+        round(self.home_mm[axis] * self.limits.steps_per_mm[axis])
     }
 }
 

@@ -37,7 +37,7 @@ fn the_fullest_records_are_read_back_exactly() {
     let mut stored = Stored::default();
     stored.settings.junction_deviation_mm = 1.0 / 3.0;
     stored.settings.steps_per_mm = Axes::all(StepsPerMm::from_millionths(100_000_100).unwrap());
-    stored.settings.homing = true;
+    stored.settings.homing = 1;
     stored.settings.soft_limits = true;
     stored.origins.coordinates.0.fill(Axes::all(Nm(-1)));
     stored.origins.g30 = Axes::all(Nm(-9_000_000_000_000_000));

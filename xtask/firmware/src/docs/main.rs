@@ -228,6 +228,7 @@ fn values(setting: &Setting) -> String {
     let kind = &setting.row.kind;
     match (kind.data_type(), kind.range()) {
         (DataType::Integer, _) if matches!(kind, Kind::Byte { .. }) => accepted_bytes(setting),
+        (DataType::Bits, _) if kind.format().contains("N/A") => accepted_bytes(setting),
         (DataType::Boolean, _) => "0 or 1".into(),
         (DataType::Bits, _) => {
             let bits = kind.format().split(',').enumerate();

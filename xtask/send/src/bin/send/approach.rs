@@ -69,10 +69,9 @@ pub(crate) fn approach(
 /// The height at which the machine travels: the top where homing is on; elsewhere the highest that the job
 /// has had, and that the machine has now.
 pub(crate) fn top(highest: Nm, settings: &Settings) -> Nm {
-    let homes_upwards = settings.homing && settings.homing_direction >> Z & 1 == 0;
-    let top = Nm(0) - Nm::from_mm(settings.homing_pull_off_mm);
+    let homes_upwards = settings.is_homing_on() && !settings.homes_downwards(Z);
     if homes_upwards {
-        highest.max(top)
+        highest.max(settings.top())
     } else {
         highest
     }

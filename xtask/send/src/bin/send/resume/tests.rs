@@ -85,7 +85,7 @@ fn z_is_up_before_the_other_axes_move_and_down_at_feed_after_the_spindle() {
 #[test]
 fn z_goes_to_the_top_of_a_machine_that_homes_and_a_beam_stays_off_until_the_end() {
     let mut settings = Settings {
-        homing: true,
+        homing: 1,
         homing_pull_off_mm: 2.0,
         ..Settings::default()
     };
