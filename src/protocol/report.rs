@@ -246,6 +246,8 @@ pub enum Feedback {
     CheckDoor,
     /// A break on the line has begun a hold.
     LineBreak,
+    /// A line has been refused, and the next one waits for cycle start.
+    LineRefused,
     /// A limit switch is closed.
     CheckLimits,
     /// A tool length is wanted, and the tool table is empty.
@@ -283,6 +285,7 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::CheckDisabled => "Disabled",
         Feedback::CheckDoor => "Check Door",
         Feedback::LineBreak => "Break on the line",
+        Feedback::LineRefused => "A line was refused: '~' goes on without it",
         Feedback::CheckLimits => "Check Limits",
         Feedback::EmptyToolTable => "Tool table is empty: tool length 0",
         Feedback::ProgramEnd => "Pgm End",
@@ -385,6 +388,7 @@ mod tests {
             Feedback::CheckDisabled,
             Feedback::CheckDoor,
             Feedback::LineBreak,
+            Feedback::LineRefused,
             Feedback::CheckLimits,
             Feedback::EmptyToolTable,
             Feedback::ProgramEnd,

@@ -141,6 +141,8 @@ settings! {
     soft_limits: bool = false,
     /// `$40` Whether jogs are shortened to the travel of axes that are homed.
     shortens_jogs: bool = false,
+    /// `$796` Whether the line behind a refused one waits for cycle start.
+    holds_after_refusal: bool = false,
     /// `$21` Hard limits.
     hard_limits: bool = false,
     /// `$22` Homing cycle: bit 0 on, bit 3 zero is where it ends.

@@ -15,6 +15,7 @@ mod post_processors;
 mod postponed;
 mod power;
 mod probing;
+mod refused_lines;
 mod status;
 mod stored_program;
 #[path = "../support/mod.rs"]

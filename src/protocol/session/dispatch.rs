@@ -69,6 +69,9 @@ impl Session {
             Ok(_) if matches!(condition, Condition::Alarm | Condition::Jog) => {
                 self.refuse(LineError::Locked)
             }
+            Ok(_) if self.machine_sync.follows_refused && condition != Condition::Check => {
+                self.hold_after_refusal(links)
+            }
             Ok(_) => self.interpret(links),
         }
     }
@@ -95,12 +98,17 @@ impl Session {
         let text = self.line.input.text().unwrap_or_default();
         let mut settings = self.persistence.stored.settings;
         let is_door_open = machine.inputs.has(Levels::DOOR);
-        match Dollar::read(
+        let statement = Dollar::read(
             text.get(1..).unwrap_or_default(),
             condition,
             &settings,
             is_door_open,
-        ) {
+        );
+        if let Ok(Dollar::Jog(_) | Dollar::Home(_) | Dollar::Unlock) = statement {
+            // The operator has taken over from the program.
+            self.machine_sync.follows_refused = false;
+        }
+        match statement {
             Err(error) => self.refuse(error),
             Ok(Dollar::Help) => self.answer_with(listing::help),
             Ok(Dollar::Modes) => self.report_modes(),
@@ -263,6 +271,9 @@ impl Session {
             if self.end_stored_line(result) {
                 return self.begin_line();
             }
+        }
+        if let Err(error) = result {
+            self.machine_sync.follows_refused |= self.is_held_behind(error);
         }
         let Source::Startup { number, .. } = self.line.source else {
             match result {

@@ -35,6 +35,8 @@ pub(super) struct MachineSync {
     pub(super) is_jogging: bool,
     /// A reset has been requested, or something else of which `prepare` does not know.
     pub(super) has_release_request: bool,
+    /// The next line of the program follows a refused one, and the machine is held before it: `$796`.
+    pub(super) follows_refused: bool,
     /// The last break on the line.
     pub(super) line_break: LineBreak,
     /// Distance before the end of the last blended move at which the machine must know more, mm.

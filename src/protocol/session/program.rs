@@ -62,10 +62,38 @@ impl Session {
     #[cold]
     #[inline(never)]
     pub(super) fn refuse_with_hold(&mut self, error: LineError, links: &Links<'_, '_>) -> Progress {
-        if !self.is_done(links.machine) && !self.machine_sync.is_jogging {
+        let holds = !self.is_done(links.machine) && !self.machine_sync.is_jogging;
+        if holds {
             self.request_hold(links);
         }
-        self.refuse(error)
+        let progress = self.refuse(error);
+        self.machine_sync.follows_refused &= !holds;
+        progress
+    }
+
+    /// Returns whether the line, which is refused with an error, is one of a program behind which others are held. A
+    /// checked line is asked for again.
+    pub(super) fn is_held_behind(&self, error: LineError) -> bool {
+        let text = self.line.input.text().unwrap_or_default();
+        let is_asked_for = matches!(error, LineError::Checksum | LineError::LineNumber);
+        self.settings().holds_after_refusal
+            && self.line.source == Source::Line
+            && !self.host.dialect.is_reprap()
+            && !self.tool_change.is_manual()
+            && !text.starts_with(b"$")
+            && !is_asked_for
+    }
+
+    /// Holds the machine before the line, which follows a refused one: all that has been accepted is done first.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn hold_after_refusal(&mut self, links: &Links<'_, '_>) -> Progress {
+        if self.is_done(links.machine) {
+            self.machine_sync.follows_refused = false;
+            report::feedback(&mut self.reports.message, Feedback::LineRefused);
+            self.request_hold(links);
+        }
+        self.await_standstill()
     }
 
     /// After a break on the line, ends a jog, holds what runs or waits, as `!` does, and lets a pause that would end by
@@ -157,9 +185,11 @@ impl Session {
         if !self.line.input.is_empty() {
             return Err(Refusal::NotPlain);
         }
-        let may_be_locked =
-            matches!(machine.state, State::Alarm | State::Jog) || self.machine_sync.is_jogging;
-        if !self.machine_sync.is_position_known || may_be_locked {
+        let sync = &self.machine_sync;
+        let may_wait_or_be_locked = matches!(machine.state, State::Alarm | State::Jog)
+            || sync.is_jogging
+            || sync.follows_refused;
+        if !sync.is_position_known || may_wait_or_be_locked {
             self.line.prefix = PlainPrefix::default();
             return Err(Refusal::NotPlain);
         }

@@ -41,6 +41,7 @@ impl Session {
         self.machine_sync.is_jogging = false;
         self.machine_sync.is_position_known = false;
         self.machine_sync.line_break = LineBreak::None;
+        self.machine_sync.follows_refused = false;
         self.reports.has_reported_fault = false;
     }
 

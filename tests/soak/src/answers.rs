@@ -4,7 +4,7 @@ use grbl_client::Report;
 use leadscrew::{axis::AXES, gcode::LineError, model::Alarm, settings::Setting};
 
 /// What a message may tell.
-const MESSAGES: [&str; 27] = [
+const MESSAGES: [&str; 28] = [
     "Reset to continue",
     "Compensation waits for the next move",
     "'$H'|'$X' to unlock",
@@ -13,6 +13,7 @@ const MESSAGES: [&str; 27] = [
     "Disabled",
     "Check Door",
     "Break on the line",
+    "A line was refused: '~' goes on without it",
     "Check Limits",
     "Tool table is empty: tool length 0",
     "Pgm End",

@@ -282,7 +282,7 @@ impl Options {
         [
             (self.parking, &["41=1", "57=1200", "59=3000"]),
             (self.enable_delay, &["786=120"]),
-            (self.tool_travel, &["789=1"]),
+            (self.tool_travel, &["789=1", "796=1"]),
             (self.whole_arcs, &["790=1"]),
             (self.stream, &["792=40", "793=1"]),
             (self.checked_lines, &["780=2"]),
