@@ -1,7 +1,7 @@
 //! Why a setting is refused: the limits in numbers, and what would be accepted.
 
 use common::text::separated;
-use leadscrew::settings::{DataType, Setting, SettingError, Settings, StepRate};
+use leadscrew::settings::{DataType, Setting, SettingError, Settings, StepRate, assign};
 
 use super::dump::Entry;
 
@@ -63,10 +63,27 @@ fn not_a_number(value: &str) -> String {
 fn range(setting: &Setting) -> String {
     let range = match (setting.row.kind.data_type(), setting.row.kind.range()) {
         (DataType::Boolean, _) => "0 or 1".to_owned(),
+        (DataType::Bits, _) => accepted_sums(setting),
         (_, None) => "0 to 255".to_owned(),
         (_, Some(range)) => format!("{} to {}", number(range.least), number(range.most)),
     };
     format!("{range} {}", setting.row.unit).trim_end().into()
+}
+
+/// The sums of bits that a setting can have; not all bits need exist.
+fn accepted_sums(setting: &Setting) -> String {
+    let is_accepted = |value: &u8| {
+        let statement = format!("{}={value}", setting.number());
+        assign(&mut Settings::default(), statement.as_bytes()).is_ok()
+    };
+    let accepted: Vec<u8> = (0..=u8::MAX).filter(is_accepted).collect();
+    match accepted.as_slice() {
+        [others @ .., last] if others.len() < 8 => {
+            let others: Vec<_> = others.iter().map(u8::to_string).collect();
+            format!("{} or {last}", others.join(", "))
+        }
+        _ => "0 to 255".to_owned(),
+    }
 }
 
 /// A limit of a range, with its digits in groups of three.
@@ -178,7 +195,6 @@ impl Axis {
 
 #[cfg(test)]
 mod tests {
-    use leadscrew::settings::assign;
 
     use super::*;
 
@@ -250,6 +266,15 @@ mod tests {
             ),
         ] {
             assert_eq!(refused(&settings, statement), text);
+        }
+    }
+
+    #[test]
+    fn a_sum_of_bits_of_which_some_do_not_exist_is_refused_with_those_that_do() {
+        for (statement, values) in [("22=15", "0, 1 or 9"), ("10=256", "0 to 255")] {
+            let text = refused(&Settings::default(), statement);
+            let begin = format!("${statement}: {values} is allowed (");
+            assert!(text.starts_with(&begin), "{text}");
         }
     }
 
