@@ -103,6 +103,9 @@ mod app {
         interpret::spawn().expect("it has not been spawned before");
         report::spawn().expect("it has not been spawned before");
         let (pins, inputs) = board.inputs.watch(event_tap);
+        if !board.session.damaged().is_empty() {
+            motion.lock();
+        }
         let snapshot = motion.power_up(board.session.settings(), &inputs, board.alarm);
         // It switches the outputs, reads the door and arms the limit switches.
         rtic::pend(PREPARE);

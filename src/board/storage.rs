@@ -100,7 +100,9 @@ fn make_session(
     memory: &'static mut MaybeUninit<Session>,
     loaded: &Loaded,
 ) -> &'static mut Session {
-    memory.write(Session::new(&loaded.stored, loaded.is_first_boot))
+    let session = memory.write(Session::new(&loaded.stored, loaded.is_first_boot));
+    session.set_damaged(loaded.damaged);
+    session
 }
 
 impl Storage {

@@ -214,6 +214,11 @@ impl Motion {
         Self::with_room()
     }
 
+    /// Locks the machine before power-up: something that is stored is damaged.
+    pub const fn lock(&mut self) {
+        self.control.state = State::Alarm;
+    }
+
     /// Takes over the settings at power-up, and returns the machine as it is then: locked with homing
     /// enabled, on a limit switch with hard limits enabled, or by an alarm.
     ///

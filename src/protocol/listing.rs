@@ -12,7 +12,8 @@ use crate::{
     gcode::{ArcDistance, LineError, Modal, RetractMode, interpreter::Offsets},
     model::{Alarm, Plane, Probed, ResetCause, Spindle, WorkCoordinates},
     settings::{
-        Setting, SettingGroup, Settings, StepRate, StoredLine, ToolEntry, ToolTable, Value,
+        Change, Changes, Setting, SettingGroup, Settings, StepRate, StoredLine, TOOLS, ToolEntry,
+        ToolTable, Value,
     },
     units::{MicroDegrees, Nm},
 };
@@ -27,6 +28,9 @@ pub struct FaultCounts {
     /// Changes that are in effect, and wait to be stored.
     pub waiting_changes: u32,
 }
+
+/// Damaged tools that are named: there is room for no more in a message.
+const MOST_TOOLS_NAMED: u32 = 3;
 
 /// The answer to `$`, without its `ok`.
 pub fn help(text: &mut Text) {
@@ -83,6 +87,46 @@ pub fn faults(text: &mut Text, faults: FaultCounts) {
         text.word(name).natural(count);
     }
     text.word("]").end();
+}
+
+/// `[MSG:Damaged in storage: settings, $N0, T3]`: at the start, and the line of the answer to `$I` while it is so.
+pub fn damage(text: &mut Text, damaged: Changes, tools: &ToolTable) {
+    text.word("[MSG:");
+    damaged_records(text, damaged, tools);
+    text.word("]").end();
+}
+
+/// `Damaged in storage: settings, $N0, T3`. A tool of which no record is left has no number; more of them than
+/// [`MOST_TOOLS_NAMED`] are `tools`.
+pub fn damaged_records(text: &mut Text, damaged: Changes, tools: &ToolTable) {
+    const NAMES: [(Change, &str); 5] = [
+        (Change::Settings, "settings"),
+        (Change::Origins, "offsets"),
+        (Change::Startup(0), "$N0"),
+        (Change::Startup(1), "$N1"),
+        (Change::BuildInfo, "build info"),
+    ];
+    let mut separator = "Damaged in storage: ";
+    for (change, name) in NAMES {
+        if damaged.contains(change) {
+            text.word(core::mem::replace(&mut separator, ", "))
+                .word(name);
+        }
+    }
+    if damaged.tools() > MOST_TOOLS_NAMED {
+        text.word(separator).word("tools");
+        return;
+    }
+    for slot in 0..TOOLS {
+        if !damaged.contains(Change::Tool(slot)) {
+            continue;
+        }
+        text.word(core::mem::replace(&mut separator, ", "));
+        match tools.slot(slot) {
+            Some(tool) => text.word("T").natural(u32::from(tool.number.get())),
+            None => text.word("a tool"),
+        };
+    }
 }
 
 /// One line of the answer to `$N`, counted from 0. Returns false after the last.

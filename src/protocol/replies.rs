@@ -5,13 +5,14 @@
 
 use super::{
     checked::{FailedCheck, next_number},
+    listing,
     text::{ReportUnit, Text},
 };
 use crate::{
     axis::{AXES, Axes, LETTERS},
     gcode::{LineError, reprap::HostCommand},
     model::{Alarm, Levels},
-    settings::Settings,
+    settings::{Changes, Settings, ToolTable},
     units::{Nm, StepsPerMm},
 };
 
@@ -122,6 +123,13 @@ pub fn welcome(text: &mut Text, is_homing: bool) {
 /// Follows them where the machine is locked: `echo:G28 homes the machine; M999 to go on`.
 pub fn locked(text: &mut Text, is_homing: bool) {
     text.word("echo:").word(unlocking(is_homing)).end();
+}
+
+/// `echo:Damaged in storage: settings, T3`, at the start.
+pub fn damage(text: &mut Text, damaged: Changes, tools: &ToolTable) {
+    text.word("echo:");
+    listing::damaged_records(text, damaged, tools);
+    text.end();
 }
 
 /// `ok T:0.0 /0.0`: there is no heater.

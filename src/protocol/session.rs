@@ -47,7 +47,7 @@ use crate::{
     machine::Snapshot,
     model::{Awaited, Probed, Requests, ResetCause, SelfTestFault, queues::ENTRY_RING},
     path::{Blender, Compensator, Entry, Router, TiltedArc},
-    settings::{Change, Settings, StoreError, Stored, ToolTable, WaitingChanges},
+    settings::{Change, Changes, Settings, StoreError, Stored, ToolTable},
     units::Nm,
 };
 use host::Host;
@@ -288,6 +288,17 @@ impl Session {
         self.self_test_fault = fault;
     }
 
+    /// Sets which records are damaged, for which the machine comes up locked.
+    pub const fn set_damaged(&mut self, damaged: Changes) {
+        self.persistence.damaged = damaged;
+    }
+
+    /// Returns the changes whose records are damaged, and have not been stored anew.
+    #[must_use]
+    pub const fn damaged(&self) -> Changes {
+        self.persistence.damaged
+    }
+
     /// Sets the number of late step events so far, wrapping, before each run.
     pub const fn set_late_events(&mut self, late: u32) {
         self.faults.late_events = late;
@@ -326,7 +337,7 @@ impl Session {
 
     /// Returns the changes that are in effect, and wait to be stored.
     #[must_use]
-    pub const fn waiting_changes(&self) -> WaitingChanges {
+    pub const fn waiting_changes(&self) -> Changes {
         self.persistence.waiting()
     }
 

@@ -24,8 +24,7 @@ pub use storage::{
     TwoWireEeprom, Wires,
 };
 pub use stored::{
-    Change, Erasing, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine,
-    WaitingChanges,
+    Change, Changes, Erasing, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine,
 };
 pub use table::{Row, SettingGroup};
 pub use tool_table::{TOOLS, ToolEntry, ToolTable};

@@ -92,18 +92,18 @@ impl Change {
     }
 }
 
-/// Changes that are in effect and not stored yet.
+/// A set of changes: those that wait to be stored, or those whose records are damaged.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct WaitingChanges(u64);
+pub struct Changes(u64);
 
 const _: () = assert!(
     FIRST_TOOL + TOOLS <= 64,
-    "make WaitingChanges larger: it must have a bit for each tool"
+    "make Changes larger: it must have a bit for each tool"
 );
 /// Number of the change of the first tool.
 const FIRST_TOOL: usize = 6 + STARTUP_LINES;
 
-impl WaitingChanges {
+impl Changes {
     /// Adds a change.
     pub const fn insert(&mut self, change: Change) {
         self.0 |= Self::bit(change);
@@ -112,6 +112,39 @@ impl WaitingChanges {
     /// Removes a change.
     pub const fn remove(&mut self, change: Change) {
         self.0 &= !Self::bit(change);
+    }
+
+    /// Removes what a change stores anew: itself, and what it restores.
+    pub const fn mend(&mut self, change: Change) {
+        self.remove(change);
+        match change {
+            Change::RestoreAll => self.0 = 0,
+            Change::RestoreOrigins => {
+                self.remove(Change::Origins);
+                self.0 &= (1 << FIRST_TOOL) - 1;
+            }
+            Change::RestoreSettings => self.remove(Change::Settings),
+            Change::Settings
+            | Change::Origins
+            | Change::Startup(_)
+            | Change::BuildInfo
+            | Change::Tool(_) => {}
+        }
+    }
+
+    /// Clears the startup lines among them: an older one is not executed.
+    pub(super) fn clear_lines(self, stored: &mut Stored) {
+        for (line, text) in stored.startup.iter_mut().enumerate() {
+            if self.contains(Change::Startup(line)) {
+                text.clear();
+            }
+        }
+    }
+
+    /// Returns whether a change is among them.
+    #[must_use]
+    pub const fn contains(self, change: Change) -> bool {
+        self.0 & Self::bit(change) != 0
     }
 
     /// Returns whether there are none.
@@ -124,6 +157,12 @@ impl WaitingChanges {
     #[must_use]
     pub const fn count(self) -> u32 {
         self.0.count_ones()
+    }
+
+    /// Returns how many of them are tools.
+    #[must_use]
+    pub const fn tools(self) -> u32 {
+        (self.0 >> FIRST_TOOL).count_ones()
     }
 
     /// Returns the change to be stored first: what clears records comes before new ones.

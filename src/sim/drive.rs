@@ -131,6 +131,11 @@ impl Drive {
     }
 
     /// Switches the drive on with these settings.
+    /// Locks the machine that is going to be switched on.
+    pub(super) fn lock(&mut self) {
+        self.motion.lock();
+    }
+
     pub(super) fn switch_on(&mut self, settings: &Settings, alarm: Option<Alarm>) {
         self.published = self.motion.power_up(settings, &self.inputs, alarm);
         self.watch = Watch::new(Levels::NONE, &self.inputs);

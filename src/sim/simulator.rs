@@ -139,10 +139,15 @@ impl Simulator {
         let Loaded {
             mut stored,
             is_first_boot,
+            damaged,
         } = self.journal.load().unwrap_or_default();
         stored.settings.step_rate = step_rate;
         self.session = Session::new(&stored, is_first_boot);
+        self.session.set_damaged(damaged);
         let _ = self.journal.load_tools(self.session.tools_mut());
+        if !damaged.is_empty() {
+            self.drive.lock();
+        }
         self.drive.switch_on(&stored.settings, alarm);
     }
 

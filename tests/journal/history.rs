@@ -5,14 +5,15 @@ use std::num::NonZeroU8;
 use leadscrew::{
     axis::AXES,
     settings::{
-        Change, Erasing, Journal, StoreError, Stored, StoredLine, ToolEntry, ToolTable, assign,
+        Change, Changes, Erasing, Journal, StoreError, Stored, StoredLine, ToolEntry, ToolTable,
+        assign,
     },
     sim::Flash,
     units::Nm,
 };
 
 /// A flash whose pages are full after a few dozen changes.
-pub(crate) type Small = Flash<2560>;
+pub(crate) type Small = Flash<3072>;
 
 /// Tools in a flash of that size, at most.
 const FEW_TOOLS: u32 = 4;
@@ -28,6 +29,7 @@ pub(crate) struct Contents {
 pub(crate) struct Loaded {
     pub(crate) contents: Contents,
     pub(crate) is_first_boot: bool,
+    pub(crate) damaged: Changes,
 }
 
 /// A random history of changes.
@@ -176,6 +178,7 @@ pub(crate) fn load<const SIZE: usize>(
     Ok(Loaded {
         contents,
         is_first_boot: loaded.is_first_boot,
+        damaged: loaded.damaged,
     })
 }
 

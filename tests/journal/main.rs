@@ -6,6 +6,9 @@ mod cases;
 mod damage;
 mod eeprom;
 mod history;
+mod losses;
+#[cfg(not(feature = "axes-4"))]
+mod older;
 mod postponed;
 mod power_cuts;
 // The document has the sizes with three axes.

@@ -2,6 +2,7 @@
 #![cfg(not(target_os = "none"))]
 
 mod core_xy;
+mod damage;
 mod drivers;
 mod gantry;
 mod hard_limits;

@@ -6,8 +6,8 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
     ("proof", 28_200),
-    ("src", 34_600),
-    ("tests", 40_000),
+    ("src", 35_200),
+    ("tests", 40_700),
     ("xtask", 22_500),
 ];
 

@@ -27,6 +27,7 @@ enum BuildLine {
     NewOptions,
     ResetCause,
     Faults,
+    Damage,
 }
 
 /// Writes the answer to a line.
@@ -205,6 +206,7 @@ impl Session {
                         BuildLine::ResetCause,
                     ),
                     (is_extended || has_faults, BuildLine::Faults),
+                    (!self.persistence.damaged.is_empty(), BuildLine::Damage),
                 ];
                 let next = shown.iter().filter(|(is_shown, _)| *is_shown).nth(line);
                 match next.map(|(_, line)| line) {
@@ -214,6 +216,10 @@ impl Session {
                     Some(BuildLine::NewOptions) => listing::new_options(text),
                     Some(BuildLine::ResetCause) => listing::reset_cause(text, self.reset_cause),
                     Some(BuildLine::Faults) => listing::faults(text, faults),
+                    Some(BuildLine::Damage) => {
+                        let tools = self.interpreter.tools();
+                        listing::damage(text, self.persistence.damaged, tools);
+                    }
                     None => {}
                 }
                 next.is_some()

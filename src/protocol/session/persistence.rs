@@ -17,9 +17,7 @@ use crate::{
     model::{Spindle, State},
     path::Work,
     protocol::report::{self, Feedback},
-    settings::{
-        Change, Erasing, Settings, StoreError, Stored, StoredLine, ToolEntry, WaitingChanges,
-    },
+    settings::{Change, Changes, Erasing, Settings, StoreError, Stored, StoredLine, ToolEntry},
 };
 
 /// Whether the memory of the settings has to be erased, as flash has and an EEPROM has not.
@@ -68,7 +66,9 @@ pub(super) struct Persistence {
     previous_tool: Option<ToolEntry>,
     state: StoreState,
     /// What is in effect, and is to be stored when an erase is allowed.
-    waiting: WaitingChanges,
+    waiting: Changes,
+    /// What is damaged where it is stored, until it is stored anew.
+    pub(super) damaged: Changes,
     /// Something has begun to wait, or could not be stored, and the sender is to know it.
     feedback: Option<Feedback>,
 }
@@ -80,13 +80,14 @@ impl Persistence {
             previous: Stored::default(),
             previous_tool: None,
             state: StoreState::Idle,
-            waiting: WaitingChanges::default(),
+            waiting: Changes::default(),
+            damaged: Changes::default(),
             feedback: None,
         }
     }
 
     /// Returns what is in effect, and not stored yet.
-    pub(super) const fn waiting(&self) -> WaitingChanges {
+    pub(super) const fn waiting(&self) -> Changes {
         self.waiting
     }
 
@@ -115,6 +116,9 @@ impl Persistence {
                 }
                 self.waiting.insert(change);
                 result = Ok(());
+            }
+            if result.is_ok() {
+                self.damaged.mend(change);
             }
             self.state = StoreState::Finished(change, result);
         }
@@ -152,8 +156,9 @@ impl Session {
         let persistence = &mut self.persistence;
         persistence.previous.clone_from(&persistence.stored);
         make(&mut persistence.stored);
+        let has_changed = persistence.previous != persistence.stored;
         // An unchanged record needs no room in the flash; a restoration is always written.
-        if persistence.previous != persistence.stored || then == AfterStore::Restore {
+        if has_changed || then == AfterStore::Restore || persistence.damaged.contains(change) {
             persistence.state = StoreState::Requested(change);
         }
         self.stage = LineStage::Storing(then);
@@ -241,7 +246,7 @@ impl Session {
             return self.await_standstill();
         }
         let previous = self.interpreter.tools_mut().replace(slot, entry);
-        if previous != entry {
+        if previous != entry || self.persistence.damaged.contains(Change::Tool(slot)) {
             self.persistence.previous_tool = previous;
             self.persistence.state = StoreState::Requested(Change::Tool(slot));
         }

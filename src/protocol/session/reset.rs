@@ -176,6 +176,15 @@ impl Session {
         } else {
             report::welcome(text);
         }
+        let damaged = self.persistence.damaged;
+        if !damaged.is_empty() {
+            let write = if is_host {
+                replies::damage
+            } else {
+                listing::damage
+            };
+            write(text, damaged, self.interpreter.tools());
+        }
         if self.persistence.stored.settings.hard_limits && machine.inputs.has(Levels::LIMITS) {
             report::feedback(text, Feedback::CheckLimits);
         }

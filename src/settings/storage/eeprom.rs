@@ -7,7 +7,9 @@
 //! ```
 //!
 //! The whole copy with the higher number counts. A change is written over the other one, so that a loss of power at
-//! any byte leaves what was stored before. No copy shares a page with another: a page that is being written may lose
+//! any byte leaves what was stored before. Then the older one is marked as such, by the highest bit of its length, which
+//! the CRC-32 has as 0: a marked copy without a newer one says that this one is damaged, not torn. The record of
+//! generations has a bit for each record that was ever stored. No copy shares a page with another: a page that is being written may lose
 //! all of its bytes. Where each copy is never changes, or firmware could not read what older firmware has stored.
 //!
 //! An EEPROM of 4 KiB has room for half as many tools, each on one page, and for the settings of four axes.
@@ -18,7 +20,7 @@ use super::{
 };
 use crate::{
     axis::AXES,
-    settings::{Change, StoreError, Stored, ToolTable},
+    settings::{Change, Changes, StoreError, Stored, ToolEntry, ToolTable},
 };
 
 /// Bytes of a page of the smallest EEPROM that is large enough: larger ones have whole pages of more.
@@ -28,6 +30,8 @@ pub const EEPROM_KIB: usize = 8;
 /// KiB of the smallest one.
 pub const SMALL_EEPROM_KIB: usize = 4;
 
+/// The bit of the length of a copy that is marked as older.
+const OLD: u16 = 1 << 15;
 /// Bytes of the number and the length, and of the checksum.
 const HEADER_BYTES: usize = 6;
 const CHECKSUM_BYTES: usize = 4;
@@ -115,6 +119,10 @@ pub struct EepromStore<E, const KIB: usize = EEPROM_KIB> {
     newest: [Option<StoredCopy>; RECORDS],
     /// The newest generation of each key.
     generations: Generations,
+    /// The records that were stored once, a bit for each index.
+    present: u64,
+    /// Those whose newest copy is missing.
+    lost: u64,
 }
 
 /// A whole copy of a record.
@@ -123,6 +131,8 @@ struct StoredCopy {
     number: u32,
     is_second: bool,
     length: u16,
+    /// There was a newer one.
+    is_old: bool,
 }
 
 impl<E, const KIB: usize> EepromStore<E, KIB> {
@@ -167,6 +177,8 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
             eeprom,
             newest: [None; RECORDS],
             generations: Generations::NONE,
+            present: 0,
+            lost: 0,
         }
     }
 
@@ -189,7 +201,9 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
         let mut buffer = [0; RECORD_BYTES];
         if let Some((_, contents)) = self.fetch(GENERATIONS_INDEX, &mut buffer)? {
             self.generations = Generations::read(contents);
+            self.present = read_present(contents);
         }
+        self.assess();
         let mut stored = Stored::default();
         for key in Key::ALL {
             let Some((generation, contents)) = self.fetch(index_of(key), &mut buffer)? else {
@@ -208,15 +222,52 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
                 *known = generation.max(*known);
             }
         }
-        if self.newest.iter().any(Option::is_some) {
-            return Ok(Loaded {
-                stored,
-                is_first_boot: false,
-            });
+        let is_first_boot = self.newest.iter().all(Option::is_none);
+        let present = self.present;
+        for (index, copy) in self.newest.iter().enumerate().skip(1) {
+            self.present |= u64::from(copy.is_some()) << index;
         }
-        // One record, so that there is no second first boot.
-        self.write_generations()?;
-        Ok(Loaded::default())
+        if is_first_boot {
+            // One record, so that there is no second first boot.
+            self.write_generations()?;
+        } else if self.is_lost(GENERATIONS_INDEX) || self.present != present {
+            // Everything is read, whatever becomes of it.
+            let _ = self.write_generations();
+        }
+        let mut damaged = Changes::default();
+        for index in (1..Self::RECORDS).filter(|&index| self.is_lost(index)) {
+            damaged.insert(record::change_at(record_index(index)));
+        }
+        damaged.clear_lines(&mut stored);
+        Ok(Loaded {
+            stored,
+            is_first_boot,
+            damaged,
+        })
+    }
+
+    /// Finds out what is lost. All that is stored may be, where the newest record of generations is: what a restoration
+    /// has cleared may be there again. So each copy is marked, and that record can be written anew.
+    fn assess(&mut self) {
+        let copies = self.newest;
+        let has_any = copies.iter().any(Option::is_some);
+        let has_generations = copies[GENERATIONS_INDEX].is_some_and(|copy| !copy.is_old);
+        for (index, copy) in copies.iter().enumerate() {
+            match copy {
+                Some(copy) if copy.is_old => self.lost |= 1 << index,
+                Some(copy) if !has_generations => {
+                    self.mark_old(index, *copy);
+                    self.lost |= 1 << index;
+                }
+                None if self.present & 1 << index != 0 => self.lost |= 1 << index,
+                Some(_) | None => {}
+            }
+        }
+        self.lost |= u64::from(has_any && !has_generations) << GENERATIONS_INDEX;
+    }
+
+    const fn is_lost(&self, index: usize) -> bool {
+        self.lost & 1 << index != 0
     }
 
     /// Reads the tool table, after [`Self::load`]: into its place, as it is large.
@@ -264,7 +315,7 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
                 self.write_key(key, stored)
             }
             Change::BuildInfo => self.write_key(Key::BuildInfo, stored),
-            Change::Tool(slot) => self.write_tool(slot, tools),
+            Change::Tool(slot) => self.write_tool(slot, tools.slot(slot)),
             Change::RestoreSettings => self.outdate(change, &[Key::Settings]),
             Change::RestoreOrigins => self.outdate(change, &[Key::Origins]),
             Change::RestoreAll => self.outdate(change, &Key::ALL),
@@ -282,13 +333,32 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
             let generation = self.generations.of(key);
             *generation = generation.wrapping_add(1);
         }
-        self.write_generations()
+        self.write_generations()?;
+        // Restored is all of it; what is not mended is reported again.
+        let _ = self.mend(change, keys);
+        Ok(())
+    }
+
+    /// Stores what a change restores and is lost.
+    fn mend(&mut self, change: Change, keys: &[Key]) -> Result<(), StoreError> {
+        for &key in keys {
+            if self.is_lost(index_of(key)) {
+                self.write_key(key, &Stored::default())?;
+            }
+        }
+        for slot in 0..Self::TOOLS {
+            if change.clears_tools() && self.is_lost(FIRST_TOOL_INDEX + slot) {
+                self.write_tool(slot, None)?;
+            }
+        }
+        Ok(())
     }
 
     fn write_generations(&mut self) -> Result<(), StoreError> {
         let mut record = Record::new(0);
         self.generations.write(&mut record)?;
-        self.store(GENERATIONS_INDEX, record.bytes())
+        write_present(self.present, &mut record)?;
+        self.store_copy(GENERATIONS_INDEX, record.bytes())
     }
 
     fn write_key(&mut self, key: Key, stored: &Stored) -> Result<(), StoreError> {
@@ -297,15 +367,15 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
         self.store(index_of(key), record.bytes())
     }
 
-    fn write_tool(&mut self, slot: usize, tools: &ToolTable) -> Result<(), StoreError> {
+    fn write_tool(&mut self, slot: usize, tool: Option<ToolEntry>) -> Result<(), StoreError> {
         if slot >= Self::TOOLS {
             return Err(StoreError::NoRoom);
         }
         let mut record = Record::new(*self.generations.of_tools());
         if KIB < EEPROM_KIB {
-            record::write_short_tool(tools.slot(slot), &mut record)?;
+            record::write_short_tool(tool, &mut record)?;
         } else {
-            record::write_tool(tools.slot(slot), &mut record)?;
+            record::write_tool(tool, &mut record)?;
         }
         self.store(FIRST_TOOL_INDEX + slot, record.bytes())
     }
@@ -331,10 +401,27 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
     fn find_newest(&mut self, index: usize) -> Result<Option<StoredCopy>, EepromError> {
         let first = self.whole_copy(index, false)?;
         let second = self.whole_copy(index, true)?;
-        Ok(match (first, second) {
-            (Some(first), Some(second)) if second.number > first.number => Some(second),
-            (first, second) => first.or(second),
-        })
+        let (Some(first), Some(second)) = (first, second) else {
+            return Ok(first.or(second));
+        };
+        let (older, newer) = if second.number > first.number {
+            (first, second)
+        } else {
+            (second, first)
+        };
+        // The power was cut before the mark, or firmware without marks has written the newer one.
+        if !older.is_old {
+            self.mark_old(index, older);
+        }
+        Ok(Some(newer))
+    }
+
+    /// Marks a copy that is older than another one. Where that fails, the next start does it.
+    fn mark_old(&mut self, index: usize, copy: StoredCopy) {
+        let (address, _) = Self::place(index, copy.is_second);
+        let [_, high] = (copy.length | OLD).to_le_bytes();
+        let place = address + HEADER_BYTES as u16 - 1;
+        let _ = self.eeprom.write(place, &[high]);
     }
 
     /// Returns a copy of a record, if it is whole.
@@ -348,6 +435,9 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
         self.eeprom.read(address, &mut header)?;
         let [a, b, c, d, low, high] = header;
         let length = u16::from_le_bytes([low, high]);
+        let is_old = length & OLD != 0;
+        let length = length & !OLD;
+        header[HEADER_BYTES - 1] = length.to_le_bytes()[1];
         let end = HEADER_BYTES + usize::from(length);
         if end + CHECKSUM_BYTES > bytes || usize::from(length) > RECORD_BYTES {
             return Ok(None);
@@ -367,13 +457,26 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
             number,
             is_second,
             length,
+            is_old,
         }))
     }
 
     /// Stores a record over the copy that does not count, unless the same is stored.
     fn store(&mut self, index: usize, record: &[u8]) -> Result<(), StoreError> {
+        self.store_copy(index, record)?;
+        if self.present & 1 << index != 0 {
+            return Ok(());
+        }
+        self.present |= 1 << index;
+        // The record is stored all the same; the next start completes this.
+        let _ = self.write_generations();
+        Ok(())
+    }
+
+    fn store_copy(&mut self, index: usize, record: &[u8]) -> Result<(), StoreError> {
         let newest = self.newest.get(index).copied().flatten();
         if let Some(copy) = newest
+            && !self.is_lost(index)
             && usize::from(copy.length) == record.len()
         {
             let (address, _) = Self::place(index, copy.is_second);
@@ -385,10 +488,15 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
             number: newest.map_or(1, |copy| copy.number.saturating_add(1)),
             is_second: newest.is_some_and(|copy| !copy.is_second),
             length: u16::try_from(record.len()).or(Err(StoreError::NoRoom))?,
+            is_old: false,
         };
         self.write_copy(index, copy, record)?;
         if let Some(newest) = self.newest.get_mut(index) {
             *newest = Some(copy);
+        }
+        self.lost &= !(1 << index);
+        if let Some(older) = newest {
+            self.mark_old(index, older);
         }
         Ok(())
     }
@@ -449,6 +557,37 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
 /// Returns the index of the record of a key.
 const fn index_of(key: Key) -> usize {
     1 + key as usize
+}
+
+/// Returns the index among all keys of a record that is not that of generations.
+const fn record_index(index: usize) -> usize {
+    match index.checked_sub(FIRST_TOOL_INDEX) {
+        Some(slot) => record::FIRST_TOOL_INDEX + slot,
+        None => index - 1,
+    }
+}
+
+/// The keys in the record of generations for both halves of the bits of the records that were stored once.
+const PRESENT: [u8; 2] = [0x40, 0x41];
+
+fn read_present(contents: &[u8]) -> u64 {
+    let entries = contents.as_chunks::<5>().0;
+    let half = |key| {
+        let entry = entries.iter().find(|entry| entry[0] == key);
+        entry.map_or(0, |[_, half @ ..]| u64::from(u32::from_le_bytes(*half)))
+    };
+    PRESENT
+        .into_iter()
+        .rev()
+        .fold(0, |bits, key| bits << 32 | half(key))
+}
+
+fn write_present(present: u64, record: &mut Record) -> Result<(), StoreError> {
+    for (key, half) in PRESENT.into_iter().zip([present, present >> 32]) {
+        record.append(&[key])?;
+        record.append(&(half as u32).to_le_bytes())?;
+    }
+    Ok(())
 }
 
 /// CRC-32 as of Ethernet (IEEE 802.3), bit by bit.

@@ -4,6 +4,7 @@ mod eeprom;
 mod journal;
 mod record;
 mod sectors;
+mod stamp;
 mod two_wire;
 
 pub use eeprom::{EEPROM_KIB, Eeprom, EepromError, EepromStore, PAGE_BYTES, SMALL_EEPROM_KIB};

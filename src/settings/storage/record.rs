@@ -23,7 +23,7 @@ use crate::{
     axis::{AXES, Axes, LETTERS},
     model::WorkCoordinates,
     settings::{
-        Kind, STARTUP_LINES, STORED_LINE, Setting, StoreError, Stored, StoredLine, TOOLS,
+        Change, Kind, STARTUP_LINES, STORED_LINE, Setting, StoreError, Stored, StoredLine, TOOLS,
         ToolEntry, Value, setting, table::TABLE,
     },
     units::{MicroDegrees, Nm},
@@ -33,7 +33,7 @@ use crate::{
 /// need it.
 const FORMAT: u8 = 1;
 /// Bytes of the format and the generation.
-const HEADER_BYTES: usize = 1 + 4;
+pub(super) const HEADER_BYTES: usize = 1 + 4;
 /// Bytes of the longest record: of the settings or the origins with six axes.
 pub(super) const RECORD_BYTES: usize = {
     let settings = settings_record_bytes(LETTERS.len());
@@ -89,7 +89,10 @@ pub(super) const GENERATIONS: u8 = 0x10;
 /// Key of the record of the first slot of the tool table; those of the other slots follow.
 const FIRST_TOOL: u8 = 0x20;
 /// Number of keys.
-pub(super) const KEYS: usize = Key::ALL.len() + 1 + TOOLS;
+pub(super) const KEYS: usize = FIRST_TOOL_INDEX + TOOLS;
+/// The indices of the records of generations and of the first tool among those of all keys: the others' are first.
+pub(super) const GENERATIONS_INDEX: usize = Key::ALL.len();
+pub(super) const FIRST_TOOL_INDEX: usize = GENERATIONS_INDEX + 1;
 
 /// The key of each record that holds something of [`Stored`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -159,7 +162,7 @@ impl Record {
         &self.0
     }
 
-    fn append(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+    pub(super) fn append(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
         self.0.extend_from_slice(bytes).or(Err(StoreError::NoRoom))
     }
 }
@@ -168,6 +171,37 @@ impl Record {
 pub(super) fn tool_key(slot: usize) -> Option<u8> {
     let offset = u8::try_from(slot).ok().filter(|_| slot < TOOLS)?;
     Some(FIRST_TOOL + offset)
+}
+
+/// Returns the index of a key among all.
+pub(super) fn index_of(key: u8) -> Option<usize> {
+    match usize::from(key) {
+        index if index < Key::ALL.len() => Some(index),
+        _ if key == GENERATIONS => Some(GENERATIONS_INDEX),
+        _ => tool_slot(key).map(|slot| FIRST_TOOL_INDEX + slot),
+    }
+}
+
+/// Returns the key with an index.
+pub(super) fn key_at(index: usize) -> Option<u8> {
+    match index.checked_sub(FIRST_TOOL_INDEX) {
+        Some(slot) => tool_key(slot),
+        None if index == GENERATIONS_INDEX => Some(GENERATIONS),
+        None => Some(index as u8),
+    }
+}
+
+/// Returns the change that stores the record with an index.
+pub(super) fn change_at(index: usize) -> Change {
+    match (index.checked_sub(FIRST_TOOL_INDEX), Key::ALL.get(index)) {
+        (Some(slot), _) => Change::Tool(slot),
+        (None, Some(Key::Settings)) => Change::Settings,
+        (None, Some(Key::Origins)) => Change::Origins,
+        (None, Some(Key::Startup0)) => Change::Startup(0),
+        (None, Some(Key::Startup1)) => Change::Startup(1),
+        (None, Some(Key::BuildInfo)) => Change::BuildInfo,
+        (None, None) => Change::RestoreAll,
+    }
 }
 
 /// Returns the slot of the tool table whose record has a key.

@@ -4,8 +4,8 @@
 //! the end of each sector is a log of the erases of the *other* one:
 //!
 //! ```text
-//! sector 0 │ page 0 … │ log: (begun, done) (begun, done) …  of erasing sector 1 │
-//! sector 1 │ page 1 … │ log: (begun, done) (begun, done) …  of erasing sector 0 │
+//! sector 0 │ page 0 … │ log: (begun, done) (begun, done) …  of erasing sector 1 │ marks of page 0 │
+//! sector 1 │ page 1 … │ log: (begun, done) (begun, done) …  of erasing sector 0 │ marks of page 1 │
 //! ```
 //!
 //! `begun` is programmed before an erase, `done` after it. If the last erase is not done, it is
@@ -13,18 +13,41 @@
 //!
 //! A log that is itself half erased may show an old erase as not done. So `begun` is a number, one
 //! higher each time, with its complement: bits that are erased or not yet programmed make the word
-//! invalid but never a higher number. No word is programmed twice.
+//! invalid but never a higher number. No word of it is programmed twice.
+//!
+//! The marks say which changes have been stored to their end, so that a record that a power cut has torn differs from
+//! one that is damaged:
+//!
+//! ```text
+//! marks │ base: u32, its complement │ the same, where the first is damaged │ key, key, … of each change after it │
+//! ```
+//!
+//! The number of the newest change is the base and the number of keys. A base is there before the page is in use, and
+//! a key is programmed after its record. Bits of a word may be cleared one after the other (RM0090 3.6.3).
 //!
 //! An erase may have to wait. `sequential-storage` erases a page only after it has closed the other one, so
 //! while erasing is postponed, closing a page is refused, before anything has changed.
 
+use core::ops::Range;
+
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind};
 use embedded_storage_async::nor_flash as page;
 
+use super::{record::HEADER_BYTES, stamp::STAMP_BYTES};
 use crate::settings::Erasing;
 
-/// Bytes of the log at the end of a sector: 64 erases of the other sector before its own.
-const LOG_BYTES: usize = 512;
+/// Bytes of the log and the marks at the end of a sector.
+const END_BYTES: usize = 512;
+/// Bytes of the log: 29 erases of the other sector before its own.
+const LOG_BYTES: usize = END_BYTES - MARKS_BYTES;
+/// Bytes of a base, and bases.
+const BASE_BYTES: usize = 8;
+const BASES: usize = 2;
+/// Keys that there is room for: as many as a page has records, of which the shortest is an empty line.
+pub(super) const MARKED_KEYS: usize = 264;
+const MARKS_BYTES: usize = BASES * BASE_BYTES + MARKED_KEYS;
+/// Bytes of the shortest record in a page, with its header and its key, in whole words.
+const SHORTEST_BYTES: usize = 8 + (1 + STAMP_BYTES + HEADER_BYTES).next_multiple_of(4);
 /// Bytes of an entry of the log.
 const ENTRY_BYTES: usize = 8;
 /// The second word of an entry whose erase is done.
@@ -37,6 +60,20 @@ const ERASED: [u8; 4] = [0xff; 4];
 pub(super) struct Sectors<F> {
     pub(super) flash: F,
     pub(super) erasing: Erasing,
+    /// Number of the newest change that is stored to its end.
+    pub(super) newest: u32,
+    /// The sector that was written last.
+    written: u32,
+}
+
+/// The marks of a page.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Marks {
+    /// Number of the newest change.
+    pub(super) newest: u32,
+    /// Keys.
+    keys: u32,
+    sector: u32,
 }
 
 /// The reason for which an operation on a page fails.
@@ -58,10 +95,22 @@ impl<F: NorFlash> Sectors<F> {
     /// Bytes of a page.
     pub(super) const PAGE_BYTES: usize = {
         assert!(F::READ_SIZE <= 4 && F::WRITE_SIZE <= 4);
-        F::ERASE_SIZE - LOG_BYTES
+        let page = F::ERASE_SIZE - END_BYTES;
+        assert!((page - 8) / SHORTEST_BYTES <= MARKED_KEYS);
+        page
     };
     /// Bytes of both pages.
     pub(super) const PAGES_BYTES: u32 = 2 * Self::PAGE_BYTES as u32;
+
+    /// Returns the sectors of a flash, from its beginning.
+    pub(super) const fn new(flash: F) -> Self {
+        Self {
+            flash,
+            erasing: Erasing::Allowed,
+            newest: 0,
+            written: 0,
+        }
+    }
 
     /// Refuses what needs an erase, now or next.
     pub(super) fn check_erasing(&self) -> Result<(), PageError> {
@@ -89,6 +138,123 @@ impl<F: NorFlash> Sectors<F> {
     pub(super) fn erase(&mut self) -> Result<(), F::Error> {
         self.erase_logged(0)?;
         self.erase_logged(1)
+    }
+
+    /// Returns the marks of the page in use.
+    pub(super) fn newest_marks(&mut self) -> Result<Option<Marks>, F::Error> {
+        let (first, second) = (self.marks(0)?, self.marks(1)?);
+        let order = |marks: &Marks| (marks.newest, marks.keys);
+        Ok(first.into_iter().chain(second).max_by_key(order))
+    }
+
+    /// Returns the key of a change that is marked; `None` of one that is older than the marks.
+    pub(super) fn marked_key(&mut self, marks: Marks, number: u32) -> Result<Option<u8>, F::Error> {
+        let Some(index) = marks.keys.checked_sub(marks.newest - number + 1) else {
+            return Ok(None);
+        };
+        let mut key = [0];
+        self.flash.read(keys::<F>(marks.sector) + index, &mut key)?;
+        Ok(Some(key[0]))
+    }
+
+    /// Begins the marks of the pages that firmware without marks has used.
+    pub(super) fn begin_marks(&mut self) -> Result<(), F::Error> {
+        for sector in [0, 1] {
+            if self.word(sector * F::ERASE_SIZE as u32)? != ERASED {
+                self.write_base(sector, self.newest)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Marks the newest change, in the page that was written last.
+    pub(super) fn mark(&mut self, key: u8) -> Result<(), F::Error> {
+        self.mark_in(self.written, key)
+    }
+
+    /// Marks the newest change, in the page of these marks.
+    pub(super) fn mark_behind(&mut self, marks: Marks, key: u8) -> Result<(), F::Error> {
+        self.mark_in(marks.sector, key)
+    }
+
+    #[inline(never)]
+    fn mark_in(&mut self, sector: u32, key: u8) -> Result<(), F::Error> {
+        if let Some(marks) = self.marks(sector)?
+            && marks.newest.wrapping_add(1) == self.newest
+            && marks.keys < MARKED_KEYS as u32
+        {
+            let place = keys::<F>(sector) + marks.keys;
+            let mut word = self.word(place / 4 * 4)?;
+            word[place as usize % 4] = key;
+            self.flash.write(place / 4 * 4, &word)?;
+        }
+        let marks = self.marks(sector)?;
+        if marks.is_none_or(|marks| marks.newest != self.newest) {
+            // A base is damaged, or a bit of a key is.
+            let keys = self.count_keys(sector)?;
+            self.write_base(sector, self.newest.wrapping_sub(keys))?;
+        }
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn marks(&mut self, sector: u32) -> Result<Option<Marks>, F::Error> {
+        let keys = self.count_keys(sector)?;
+        Ok(self.base(sector)?.map(|base| Marks {
+            newest: base.wrapping_add(keys),
+            keys,
+            sector,
+        }))
+    }
+
+    fn count_keys(&mut self, sector: u32) -> Result<u32, F::Error> {
+        let first = keys::<F>(sector);
+        for count in 0..MARKED_KEYS as u32 {
+            let mut key = [0];
+            self.flash.read(first + count, &mut key)?;
+            if key == [0xff] {
+                return Ok(count);
+            }
+        }
+        Ok(MARKED_KEYS as u32)
+    }
+
+    /// Returns the last valid base of a page.
+    fn base(&mut self, sector: u32) -> Result<Option<u32>, F::Error> {
+        let mut last = None;
+        for place in bases::<F>(sector) {
+            let base = u32::from_le_bytes(self.word(place)?);
+            if self.word(place + 4)? == (!base).to_le_bytes() {
+                last = Some(base);
+            }
+        }
+        Ok(last)
+    }
+
+    /// Writes a base where there is room.
+    fn write_base(&mut self, sector: u32, base: u32) -> Result<(), F::Error> {
+        for place in bases::<F>(sector) {
+            if self.word(place)? == ERASED && self.word(place + 4)? == ERASED {
+                self.flash.write(place, &base.to_le_bytes())?;
+                return self.flash.write(place + 4, &(!base).to_le_bytes());
+            }
+        }
+        Ok(())
+    }
+
+    /// Begins the marks of a page that is going to be used. What a power cut has left of others is erased.
+    fn begin_page(&mut self, sector: u32) -> Result<(), PageError> {
+        let flash = |_| PageError::Flash;
+        let marks = self.marks(sector).map_err(flash)?;
+        if marks.is_some_and(|marks| marks.newest == self.newest) {
+            return Ok(());
+        }
+        let first = keys::<F>(sector) - (BASES * BASE_BYTES) as u32;
+        if self.word(first).map_err(flash)? != ERASED {
+            self.check_erasing()?;
+            self.erase_logged(sector).map_err(flash)?;
+        }
+        self.write_base(sector, self.newest).map_err(flash)
     }
 
     /// Returns whether no byte is programmed.
@@ -179,9 +345,20 @@ const fn begun(number: u16) -> [u8; 4] {
 }
 
 /// Returns the addresses of the log of a sector's erases, in the other sector.
-fn log<F: NorFlash>(sector: u32) -> core::ops::Range<u32> {
-    let end = (2 - sector) * F::ERASE_SIZE as u32;
-    end - LOG_BYTES as u32..end
+fn log<F: NorFlash>(sector: u32) -> Range<u32> {
+    let begin = (2 - sector) * F::ERASE_SIZE as u32 - END_BYTES as u32;
+    begin..begin + LOG_BYTES as u32
+}
+
+/// Returns the address of the first key in the marks of a page.
+const fn keys<F: NorFlash>(sector: u32) -> u32 {
+    (sector + 1) * F::ERASE_SIZE as u32 - MARKED_KEYS as u32
+}
+
+/// Returns the addresses of the bases of a page.
+fn bases<F: NorFlash>(sector: u32) -> impl Iterator<Item = u32> {
+    let end = keys::<F>(sector);
+    (end - (BASES * BASE_BYTES) as u32..end).step_by(BASE_BYTES)
 }
 
 impl<F: NorFlash> ErrorType for Sectors<F> {
@@ -219,6 +396,11 @@ impl<F: NorFlash> page::NorFlash for Sectors<F> {
         if offset % page == page - Self::WRITE_SIZE as u32 {
             // The mark of a closed page.
             self.check_erasing()?;
+        }
+        self.written = offset / page;
+        if offset.is_multiple_of(page) {
+            // That of a page in use.
+            self.begin_page(self.written)?;
         }
         let written = self.flash.write(Self::address(offset), bytes);
         written.or(Err(PageError::Flash))

@@ -139,7 +139,8 @@ fn settings_table() -> Result<String> {
          those of Grbl 1.1, `$+` all, `$ES` describes them to programs, `$RST=$` brings the defaults back.\n\
          A value that is not allowed is answered with an error, and nothing changes. Tools read what `$$`\n\
          or `$+` has listed from a file: `--settings FILE`, and `cargo xtask settings`, which saves, compares\n\
-         and loads those of a machine ([from Grbl](from-grbl.md#copy-your-settings)).\n\n\
+         and loads those of a machine ([from Grbl](from-grbl.md#copy-your-settings)). Where flash or EEPROM has lost them, the\n\
+         machine says so and is locked ([safety](safety.md#when-what-is-stored-is-damaged)).\n\n\
          | setting | what | unit | values | default |\n|---|---|---|---|---|\n",
     );
     let defaults = Settings::default();
