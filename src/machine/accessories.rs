@@ -45,6 +45,8 @@ pub struct Accessories {
     min_rpm: f32,
     max_rpm: f32,
     is_laser: bool,
+    /// The spindle has been switched on as it was before the door, or its stop, and not by a program.
+    is_resumed: bool,
     /// Set by each change, cleared by [`Accessories::take_changed`].
     is_changed: bool,
 }
@@ -68,6 +70,7 @@ impl Accessories {
             min_rpm: 0.0,
             max_rpm: 1000.0,
             is_laser: false,
+            is_resumed: false,
             is_changed: true,
         }
     }
@@ -92,6 +95,13 @@ impl Accessories {
         core::mem::take(&mut self.is_changed)
     }
 
+    /// Returns whether there has been a change since the last call of [`Accessories::take_changed`].
+    #[inline]
+    #[must_use]
+    pub const fn is_changed(&self) -> bool {
+        self.is_changed
+    }
+
     /// Returns the overrides in effect.
     #[must_use]
     pub const fn overrides(&self) -> Overrides {
@@ -102,6 +112,22 @@ impl Accessories {
     #[must_use]
     pub fn is_spindle_off(&self) -> bool {
         self.spindle == Spindle::Off
+    }
+
+    /// Returns the direction in which a spindle is switched on at a speed above 0: off for a laser.
+    #[must_use]
+    pub fn rotation(&self) -> Spindle {
+        if self.is_laser || self.is_stopped() || self.rpm <= 0.0 {
+            Spindle::Off
+        } else {
+            self.spindle
+        }
+    }
+
+    /// Returns whether the spindle has been switched on as it was before the door or its stop.
+    #[must_use]
+    pub const fn is_resumed(&self) -> bool {
+        self.is_resumed
     }
 
     /// Returns whether the spindle is a laser.
@@ -140,6 +166,7 @@ impl Accessories {
     /// feed rate is off at rest.
     pub fn set_spindle(&mut self, spindle: Spindle, rpm: f32) {
         self.end_wait_for_motion();
+        self.is_resumed = false;
         self.spindle = spindle;
         let is_proportional = self.is_laser && spindle == Spindle::CounterClockwise;
         self.rpm = if is_proportional { 0.0 } else { rpm };
@@ -220,6 +247,7 @@ impl Accessories {
             SpindleStop::Requested => false,
             SpindleStop::Stopped => {
                 self.count_change();
+                self.is_resumed = true;
                 self.stop = if self.is_laser {
                     SpindleStop::UntilMotion
                 } else {
@@ -261,6 +289,7 @@ impl Accessories {
             SpindleStop::None
         };
         self.is_changed = true;
+        self.is_resumed |= was_stopped;
         if was_stopped && !self.is_laser {
             self.count_change();
         }

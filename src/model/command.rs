@@ -55,6 +55,13 @@ pub enum Command {
         /// Programmed speed, rpm.
         rpm: f32,
     },
+    /// The other direction of a spindle whose tap is at the bottom of its hole: it feeds out at once.
+    ReverseTap {
+        /// Direction.
+        spindle: Spindle,
+        /// Programmed speed, rpm.
+        rpm: f32,
+    },
     /// A new state of the coolant.
     Coolant(Coolant),
     /// The overrides that count from here on.

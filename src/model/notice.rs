@@ -18,6 +18,8 @@ pub enum Notice {
     CheckDoor,
     /// The spindle is being switched on again after it was stopped in a hold.
     RestoringSpindle,
+    /// A spindle has been switched on, and nothing moves before its time is over.
+    SpindleDelay,
     /// The machine sleeps: only a reset wakes it.
     Sleeping,
     /// A probing move has ended: `probed` of the snapshot has the result.

@@ -259,8 +259,7 @@ impl Motion {
         self.accessories.configure(settings);
         self.homing.configure(settings);
         self.parking.configure(settings);
-        self.delays.idle_ms = settings.idle_delay_ms;
-        self.delays.enable_ms = settings.enable_delay_ms as u16;
+        self.delays.configure(settings);
         self.hard_limits = settings.hard_limits;
         #[cfg(arc_machine)]
         {
@@ -373,7 +372,7 @@ impl Motion {
         if job == Job::FirstSegment && self.delays.enable_ms != 0 {
             self.prepare_drivers();
         }
-        self.queue.is_first_next = job == Job::FirstSegment && !self.waits_for_drivers();
+        self.queue.is_first_next = job == Job::FirstSegment && !self.waits_before_motion();
         let mut is_settled = false;
         match job {
             Job::None | Job::FirstSegment => {}
@@ -390,6 +389,9 @@ impl Motion {
                 // Z may have to stop nowhere on its way, so that nothing was to be played.
                 is_settled = self.control == before && !self.parking.is_moving();
             }
+        }
+        if self.accessories.is_changed() {
+            self.watch_spindle();
         }
         let is_still = self.is_at_standstill(conditions);
         if HAS_SECOND_MOTORS && !self.homing.is_active() {

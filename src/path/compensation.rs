@@ -193,7 +193,7 @@ impl Compensator {
             Command::Overrides(switches) => Behind::Overrides(switches),
             Command::Pause => Behind::Pause,
             // Refused while compensation is on.
-            Command::Probe { .. } | Command::ToolPause => return,
+            Command::Probe { .. } | Command::ReverseTap { .. } | Command::ToolPause => return,
         };
         let mut is_full = false;
         if self.waiting.is_none() {

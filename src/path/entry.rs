@@ -31,6 +31,8 @@ pub enum Work {
     Probe(Block, Probing),
     /// A spindle state and its speed, rpm.
     Spindle(Spindle, f32),
+    /// The other direction of a spindle whose tap is in its hole, and its speed, rpm: the tap follows at once.
+    ReverseTap(Spindle, f32),
     /// A coolant state.
     Coolant(Coolant),
     /// The overrides that count from here on.

@@ -197,6 +197,7 @@ impl Router {
             }
             Command::Dwell { milliseconds } => send(Work::Dwell(*milliseconds)),
             Command::Spindle { spindle, rpm } => send(Work::Spindle(*spindle, *rpm)),
+            Command::ReverseTap { spindle, rpm } => send(Work::ReverseTap(*spindle, *rpm)),
             Command::Coolant(coolant) => send(Work::Coolant(*coolant)),
             Command::Overrides(switches) => send(Work::Overrides(*switches)),
             Command::Pause => send(Work::Pause),

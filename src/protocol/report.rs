@@ -258,6 +258,8 @@ pub enum Feedback {
     RestoringDefaults,
     /// The spindle is switched on again.
     RestoringSpindle,
+    /// Nothing moves before the spindle has come up to speed.
+    SpindleDelay,
     /// Everything is off until a reset.
     Sleeping,
     /// An arc could not be made in whole steps.
@@ -291,6 +293,7 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::ProgramEnd => "Pgm End",
         Feedback::RestoringDefaults => "Restoring defaults",
         Feedback::RestoringSpindle => "Restoring spindle",
+        Feedback::SpindleDelay => "Waiting for spindle",
         Feedback::Sleeping => "Sleeping",
         #[cfg(arc_machine)]
         Feedback::ArcOffSteps => "Arc not on steps",
@@ -394,6 +397,7 @@ mod tests {
             Feedback::ProgramEnd,
             Feedback::RestoringDefaults,
             Feedback::RestoringSpindle,
+            Feedback::SpindleDelay,
             Feedback::Sleeping,
             Feedback::ArcOffSteps,
             Feedback::StoredProgramRefused,

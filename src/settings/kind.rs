@@ -136,6 +136,18 @@ pub(super) const fn milliseconds(field: Field<f32>) -> Kind {
     )
 }
 
+/// Up to 20 s, as grblHAL's delays.
+pub(super) const fn seconds(field: Field<f32>) -> Kind {
+    let range = ValueRange::from(0.0);
+    Kind::Number(
+        field,
+        ValueRange {
+            most: 20.0,
+            ..range
+        },
+    )
+}
+
 /// From what a spindle's converter takes to what a laser's supply takes at most, Hz.
 pub(super) const fn pwm_frequency(field: Field<f32>) -> Kind {
     Kind::Number(

@@ -162,6 +162,12 @@ settings! {
     spindle_min_rpm: f32 = 0.0,
     /// `$32` Laser mode.
     laser: bool = false,
+    /// `$392` Time for the spindle behind the door, and behind its stop in a hold, s; 4 s as in Grbl.
+    door_spindle_delay_s: f32 = 4.0,
+    /// `$393` Time for the coolant behind the door, s; 1 s as in Grbl.
+    door_coolant_delay_s: f32 = 1.0,
+    /// `$394` Time for a spindle that has been switched on, before anything moves, s.
+    spindle_delay_s: f32 = 0.0,
     /// `$41` Whether Z is parked when the safety door opens.
     parking: bool = false,
     /// `$56` Slow pull-out before parking, mm.

@@ -99,6 +99,22 @@ pub(super) fn tool_change_is_known(settings: &Settings, _axis: usize) -> Result<
     }
 }
 
+/// Refuses delays shorter than half a second, but for none: grblHAL's range.
+pub(super) fn delay_is_long_enough(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
+    let delays_s = [
+        settings.door_spindle_delay_s,
+        settings.door_coolant_delay_s,
+        settings.spindle_delay_s,
+    ];
+    if delays_s
+        .iter()
+        .any(|&delay_s| 0.0 < delay_s && delay_s < 0.5)
+    {
+        return Err(SettingError::OutOfRange);
+    }
+    Ok(())
+}
+
 /// Refuses dialects that the firmware does not know, and the one for which it has not been built.
 pub(super) fn dialect_is_known(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
     match settings.dialect {

@@ -12,7 +12,7 @@ use super::{
     SettingError, Settings,
     kind::{
         Kind, axis_divisor, axis_number, byte, byte_from, coordinate, milliseconds, number,
-        pwm_frequency, rate, rpm,
+        pwm_frequency, rate, rpm, seconds,
     },
     rules,
 };
@@ -131,6 +131,9 @@ pub(super) static TABLE: &[Row] = &[
     row(120, SettingGroup::Axes, Grbl, "acceleration", "mm/s²", axis_divisor(|s| &mut s.acceleration_mm_s2)),
     row(130, SettingGroup::Axes, Grbl, "travel; with 0 no soft limits, and no homing", MM, axis_number(|s| &mut s.max_travel_mm)),
     row(341, Tools, Extension, "tool change: 0 waits for the operator, 4 ignores M6", "", byte(|s| &mut s.tool_change)).checked(rules::tool_change_is_known),
+    row(392, Spindle, Extension, "spindle delay before the machine goes on after the door, or after the spindle was stopped in a hold", "s", seconds(|s| &mut s.door_spindle_delay_s)).checked(rules::delay_is_long_enough),
+    row(393, Spindle, Extension, "coolant delay before the machine goes on after the door", "s", seconds(|s| &mut s.door_coolant_delay_s)).checked(rules::delay_is_long_enough),
+    row(394, Spindle, Extension, "spindle delay before the machine moves when the spindle has been switched on", "s", seconds(|s| &mut s.spindle_delay_s)).checked(rules::delay_is_long_enough),
     row(780, Host, Extension, "dialect: 0 Grbl, 1 RepRap, 2 Grbl with checked lines", "", byte(|s| &mut s.dialect)).checked(rules::dialect_is_known),
     row(781, Host, Extension, "RepRap: axis that E drives, 4 for A and so on, 0 counts only", "", byte(|s| &mut s.extruder_axis)).checked(rules::extruder_is_an_axis),
     row(782, Host, Extension, "RepRap: time between two messages that a line is not done yet, 0 for none", "s", byte(|s| &mut s.busy_interval_s)).checked(rules::busy_interval_is_short),

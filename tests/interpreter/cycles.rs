@@ -27,7 +27,9 @@ fn text(command: &Command) -> String {
             FeedRate::InverseTime(_) | FeedRate::Jog(_) => unreachable!(),
         },
         Command::Dwell { milliseconds } => format!("dwell {milliseconds}"),
-        Command::Spindle { spindle, rpm } => format!("{spindle:?} {rpm}"),
+        Command::Spindle { spindle, rpm } | Command::ReverseTap { spindle, rpm } => {
+            format!("{spindle:?} {rpm}")
+        }
         Command::Overrides(switches) if *switches == OverrideSwitches::NONE => {
             "overrides off".into()
         }

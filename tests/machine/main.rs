@@ -17,6 +17,7 @@ mod postponed;
 mod power;
 mod probing;
 mod refused_lines;
+mod spindle;
 mod status;
 mod stored_program;
 #[path = "../support/mod.rs"]

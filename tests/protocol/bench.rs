@@ -205,7 +205,7 @@ impl Bench {
             }
             Work::Probe(block, probing) => self.probe(block, *probing),
             Work::Move(block) => self.travel(block),
-            Work::Spindle(spindle, rpm) => {
+            Work::Spindle(spindle, rpm) | Work::ReverseTap(spindle, rpm) => {
                 machine.spindle = *spindle;
                 machine.spindle_rpm = *rpm;
                 machine.accessory_changes = machine.accessory_changes.wrapping_add(1);

@@ -278,11 +278,14 @@ impl Drilling {
                 milliseconds: DRIVE_TIME_MS,
             }),
             HoleStep::SpindleOff => Some(self.switch(Spindle::Off)),
-            HoleStep::SpindleReversed => Some(self.switch(match self.spindle {
-                Spindle::Clockwise => Spindle::CounterClockwise,
-                Spindle::CounterClockwise => Spindle::Clockwise,
-                Spindle::Off => Spindle::Off,
-            })),
+            HoleStep::SpindleReversed => Some(Command::ReverseTap {
+                spindle: match self.spindle {
+                    Spindle::Clockwise => Spindle::CounterClockwise,
+                    Spindle::CounterClockwise => Spindle::Clockwise,
+                    Spindle::Off => Spindle::Off,
+                },
+                rpm: self.rpm,
+            }),
             HoleStep::SpindleBack => Some(self.switch(self.spindle)),
             HoleStep::Pause => Some(Command::Pause),
             HoleStep::OverridesOff => Some(Command::Overrides(OverrideSwitches::NONE)),

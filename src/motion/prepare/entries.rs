@@ -33,6 +33,7 @@ impl Motion {
             Work::Dwell(_)
             | Work::Probe(..)
             | Work::Spindle(..)
+            | Work::ReverseTap(..)
             | Work::Coolant(_)
             | Work::Overrides(_)
             | Work::Drivers(_)
@@ -114,6 +115,10 @@ impl Motion {
                 }
             }
             Work::Spindle(spindle, rpm) => self.accessories.set_spindle(*spindle, *rpm),
+            Work::ReverseTap(spindle, rpm) => {
+                self.accessories.set_spindle(*spindle, *rpm);
+                self.skip_spindle_delay();
+            }
             Work::Coolant(coolant) => self.accessories.set_coolant(*coolant),
             Work::Overrides(switches) => self.switch_overrides(*switches),
             Work::Drivers(are_on) => self.switch_drivers(*are_on),

@@ -113,7 +113,7 @@ impl Motion {
             // A segment would be due.
             Job::None
         } else if self.needs_segment(conditions, segments) {
-            if self.waits_for_drivers() {
+            if self.waits_before_motion() {
                 Job::None
             } else {
                 Job::FirstSegment

@@ -152,6 +152,7 @@ impl Session {
             Notice::CycleStart => self.start_stored_program(machine),
             Notice::CheckDoor => report::feedback(text, Feedback::CheckDoor),
             Notice::RestoringSpindle => report::feedback(text, Feedback::RestoringSpindle),
+            Notice::SpindleDelay => report::feedback(text, Feedback::SpindleDelay),
             Notice::Sleeping => report::feedback(text, Feedback::Sleeping),
             Notice::Standstill if self.compensator.is_waiting() => {
                 report::feedback(text, Feedback::CompensationWaits);

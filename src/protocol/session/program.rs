@@ -462,6 +462,7 @@ impl Session {
                 | Command::Power(_)
                 | Command::Dwell { .. }
                 | Command::Spindle { .. }
+                | Command::ReverseTap { .. }
                 | Command::Coolant(_)
                 | Command::Overrides(_)
                 | Command::Pause

@@ -188,6 +188,7 @@ impl Session {
             Command::Power(_)
             | Command::Dwell { .. }
             | Command::Spindle { .. }
+            | Command::ReverseTap { .. }
             | Command::Coolant(_)
             | Command::Overrides(_)
             | Command::Pause
@@ -305,6 +306,7 @@ fn is_blended(control: PathControl, command: &Command) -> bool {
             | Command::Probe { .. }
             | Command::Dwell { .. }
             | Command::Spindle { .. }
+            | Command::ReverseTap { .. }
             | Command::Coolant(_)
             | Command::Overrides(_)
             | Command::Pause

@@ -193,6 +193,9 @@ deviations! {
     OperatorMessages: "D60", false,
         "messages of a program reach its operator",
         "a line `[MSG:…]` after a comment `(MSG, …)`, or one beside M0 or M1";
+    SpindleTime: "D61", false,
+        "motion waits for a spindle that comes back",
+        "positions, feeds and outputs after a `~` with `[MSG:Restoring spindle]`, up to the next rest";
 }
 
 impl Deviation {

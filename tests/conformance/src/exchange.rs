@@ -258,6 +258,18 @@ impl Exchange {
         f64::from(ends) * (f64::from(delay_ms) * 1e-3 + 0.005)
     }
 
+    /// Whether the machine has resumed in a step, or before it without a rest since, with a spindle that Grbl had
+    /// stopped in the hold and gives no time.
+    fn is_after_spindle_stop(&self, step: usize) -> bool {
+        let steps: Vec<_> = self.session.steps().take(step + 1).collect();
+        let is_restored = |text: &String| text == "[MSG:Restoring spindle]";
+        let resumed = steps
+            .iter()
+            .rposition(|step| step.sends().contains(&b'~') && step.recv.iter().any(is_restored));
+        let rest = steps.iter().rposition(|step| step.idle.is_some());
+        !self.is_laser() && resumed.is_some() && (rest < resumed || rest == Some(step))
+    }
+
     /// Whether a dwell had begun before a step and no answer to it had come.
     fn is_dwelling(&self, step: usize) -> bool {
         let before = self.session.steps().take(step).collect::<Vec<_>>();

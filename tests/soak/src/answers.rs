@@ -19,6 +19,7 @@ const MESSAGES: [&str; 28] = [
     "Pgm End",
     "Restoring defaults",
     "Restoring spindle",
+    "Waiting for spindle",
     "Sleeping",
     "Arc not on steps",
     "Spindle is off",

@@ -46,6 +46,8 @@ pub(crate) struct Options {
     pub(crate) parking: bool,
     /// Drivers wait before the first step: `$786`.
     pub(crate) enable_delay: bool,
+    /// Motion waits for the spindle: `$394`, and another time behind the door and a stop, `$392`.
+    pub(crate) spindle_delay: bool,
     /// `M6` goes to the position of `G30`: `$789`.
     pub(crate) tool_travel: bool,
     /// Arcs are made in whole steps: `$790`.
@@ -69,11 +71,13 @@ pub(crate) enum Kind {
 
 fn options() -> impl Strategy<Value = Options> {
     let rare = || prop::bool::weighted(0.25);
-    (rare(), rare(), rare(), rare(), rare(), rare(), rare()).prop_map(
-        |(jerk, parking, enable_delay, tool_travel, whole_arcs, stream, checked_lines)| Options {
+    let delays = (rare(), rare());
+    (rare(), rare(), delays, rare(), rare(), rare(), rare()).prop_map(
+        |(jerk, parking, delays, tool_travel, whole_arcs, stream, checked_lines)| Options {
             jerk,
             parking,
-            enable_delay,
+            enable_delay: delays.0,
+            spindle_delay: delays.1,
             tool_travel,
             whole_arcs,
             stream,
@@ -135,6 +139,7 @@ impl Setup {
                 jerk: false,
                 parking: false,
                 enable_delay: false,
+                spindle_delay: false,
                 tool_travel: false,
                 whole_arcs: false,
                 stream: false,
@@ -278,10 +283,11 @@ impl Setup {
 
 impl Options {
     /// The settings of each option but jerk, which each axis has.
-    fn assignments(self) -> [(bool, &'static [&'static str]); 6] {
+    fn assignments(self) -> [(bool, &'static [&'static str]); 7] {
         [
             (self.parking, &["41=1", "57=1200", "59=3000"]),
             (self.enable_delay, &["786=120"]),
+            (self.spindle_delay, &["394=0.5", "392=0.8"]),
             (self.tool_travel, &["789=1", "796=1"]),
             (self.whole_arcs, &["790=1"]),
             (self.stream, &["792=40", "793=1"]),

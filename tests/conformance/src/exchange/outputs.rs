@@ -193,6 +193,10 @@ fn first_difference(
             excused.get_or_insert((text, Some(why)));
             continue;
         }
+        if exchange.is_after_spindle_stop(step) {
+            excused.get_or_insert((text, Some(Deviation::SpindleTime)));
+            continue;
+        }
         return Some((text, None));
     }
     excused

@@ -121,12 +121,17 @@ impl Comparison<'_> {
         ];
         findings.extend(reader.values());
         let mut found = Found::new();
+        let waits = self.exchange.is_after_spindle_stop(pair.step);
+        let by_design = waits.then_some(Deviation::SpindleTime);
         for (what, finding) in findings {
             let text = || format!("{what}: `{}`, Grbl `{}`", ours.text, theirs.text);
             match finding {
                 Finding::Same => {}
                 Finding::Excused(deviation) => found.push((text(), Some(deviation))),
-                Finding::Differs => found.push((text(), None)),
+                Finding::Differs => {
+                    let is_late = ["position", "FS"].contains(&what.as_str());
+                    found.push((text(), by_design.filter(|_| is_late)));
+                }
             }
         }
         if reader.stands_still() && !self.stands_as_before(&reader) {

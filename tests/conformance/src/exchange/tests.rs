@@ -201,6 +201,24 @@ fn a_hold_may_act_sooner_but_not_anywhere() {
 }
 
 #[test]
+fn motion_may_wait_for_a_spindle_that_was_stopped_in_a_hold() {
+    let recording = recorded(
+        r#"{"id": "stopped", "settings_set": "fast", "transcript": [{"boot": true},
+            {"line": "M3 S1000", "t": 0.0},
+            {"line": "G1 X50 F1000", "t": 0.1, "nowait": 1, "after": 0.3},
+            {"rt": "21", "t": 0.4, "after": 0.3}, {"rt": "9e", "t": 0.7, "after": 0.1},
+            {"rt": "3f", "t": 0.8}, {"rt": "7e", "t": 0.9, "after": 0.3}, {"rt": "3f", "t": 1.2},
+            {"idle": 9, "t": 1.3}]}"#,
+    );
+    let late = Some(Deviation::SpindleTime);
+    let run = |by: &str| changed(&recording, "Run|MPos:", by);
+    assert_eq!(found(&run("Run|MPos:1")), [("report", late)]);
+    assert_eq!(found(&run("Jog|MPos:")), [("report", None)]);
+    let held = changed(&recording, "Hold:0|MPos:", "Hold:0|MPos:1");
+    assert_eq!(found(&held)[0], ("report", None));
+}
+
+#[test]
 fn an_offset_set_after_a_probe_is_where_the_axes_stand() {
     let recording = recorded(
         r#"{"id": "probed", "settings_set": "fast", "switches": [[2, -1, -400, "PROBE"]],

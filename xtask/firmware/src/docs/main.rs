@@ -161,6 +161,7 @@ fn settings_table() -> Result<String> {
     }
     text.push_str(ARC_MACHINE);
     text.push_str(&step_rates());
+    text.push_str(SPINDLE);
     text.push_str(JERK);
     text.push_str(CORE_XY);
     Ok(text)
@@ -169,6 +170,18 @@ fn settings_table() -> Result<String> {
 /// Where the settings of the Pico arc machine are.
 const ARC_MACHINE: &str = "\n`$790` and `$794` are there on boards for [motors without drivers](pico.md#motors-without-drivers) and in the simulator\n\
     only; `$791` can be 1 there only.\n";
+
+/// How long motion waits for a spindle.
+const SPINDLE: &str = "\n## The spindle\n\n\
+    A spindle needs time before it cuts. `$394` is the time for which nothing moves after `M3` or `M4` has switched it on or\n\
+    reversed it, in seconds: 0 or 0.5 to 20, as in grblHAL. When it begins the sender reads `[MSG:Waiting for spindle]`. Lines\n\
+    are read meanwhile; hold, door, reset and `?` work as ever, and the time goes on in a hold. Another `S` of a spindle that\n\
+    turns wants no time, nor does `M3 S0`, which starts nothing. Startup lines wait as well, and so do the operator's lines in\n\
+    a change of the tool, cycles that switch the spindle on again, and `M106` where it drives that output (`$783=1`). A dwell\n\
+    after `M3` comes on top: leave one of them out. Only the tap of `G74` and `G84` comes out of its hole at once.\n\n\
+    `$392` is the same where the spindle comes back: after the door, and after a stop in a hold (0x9E), also where 0x9E has\n\
+    switched it on before the hold ends. The longer of `$392` and `$394` counts. `$393` is the coolant's time after the door.\n\
+    Nothing waits in laser mode, nor in check mode.\n";
 
 /// What limits of jerk do.
 const JERK: &str = "\n## Limits of jerk\n\n\

@@ -64,6 +64,7 @@ impl Programmed {
             } => self.piece_of_move(target, *feed_rate, Some(circle)),
             Command::Dwell { .. }
             | Command::Spindle { .. }
+            | Command::ReverseTap { .. }
             | Command::Coolant(_)
             | Command::Overrides(_)
             | Command::Pause
