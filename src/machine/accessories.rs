@@ -45,6 +45,8 @@ pub struct Accessories {
     min_rpm: f32,
     max_rpm: f32,
     is_laser: bool,
+    /// `$775`.
+    is_relay: bool,
     /// The spindle has been switched on as it was before the door, or its stop, and not by a program.
     is_resumed: bool,
     /// Set by each change, cleared by [`Accessories::take_changed`].
@@ -70,6 +72,7 @@ impl Accessories {
             min_rpm: 0.0,
             max_rpm: 1000.0,
             is_laser: false,
+            is_relay: false,
             is_resumed: false,
             is_changed: true,
         }
@@ -85,6 +88,7 @@ impl Accessories {
         self.min_rpm = settings.spindle_min_rpm;
         self.max_rpm = settings.spindle_max_rpm;
         self.is_laser = settings.laser;
+        self.is_relay = settings.spindle_relay;
         self.is_changed = true;
     }
 
@@ -114,10 +118,11 @@ impl Accessories {
         self.spindle == Spindle::Off
     }
 
-    /// Returns the direction in which a spindle is switched on at a speed above 0: off for a laser.
+    /// Returns the direction in which a spindle turns: off for a laser, and at speed 0 but for one on a relay.
     #[must_use]
     pub fn rotation(&self) -> Spindle {
-        if self.is_laser || self.is_stopped() || self.rpm <= 0.0 {
+        let turns = self.is_relay || self.rpm > 0.0;
+        if self.is_laser || self.is_stopped() || !turns {
             Spindle::Off
         } else {
             self.spindle

@@ -268,6 +268,8 @@ pub enum Feedback {
     /// A line of the stored program was refused.
     #[cfg(arc_machine)]
     StoredProgramRefused,
+    /// A feed move with the spindle on at speed 0.
+    NoSpindleSpeed,
     /// A feed move after a change of the tool, with the spindle off.
     SpindleOff,
     /// A change is in effect, and is stored when the flash may be erased.
@@ -299,6 +301,7 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::ArcOffSteps => "Arc not on steps",
         #[cfg(arc_machine)]
         Feedback::StoredProgramRefused => "The stored program cannot run here",
+        Feedback::NoSpindleSpeed => "Spindle speed is 0",
         Feedback::SpindleOff => "Spindle is off",
         Feedback::StoredLater => "Stored when idle with the spindle off",
         Feedback::NotStored => "Not stored: lost when power is off",
@@ -401,6 +404,7 @@ mod tests {
             Feedback::Sleeping,
             Feedback::ArcOffSteps,
             Feedback::StoredProgramRefused,
+            Feedback::NoSpindleSpeed,
             Feedback::SpindleOff,
         ] {
             let mut text = Text::new();

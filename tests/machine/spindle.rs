@@ -214,6 +214,64 @@ fn drivers_have_their_time_after_the_spindle_has_had_its_own() {
     assert_waits(&mut machine, 1500, "move");
 }
 
+/// Returns how often a machine says that the speed is 0, over some lines; all of them are right.
+fn reports_of_no_speed(assignments: &[&str], lines: &str) -> usize {
+    let mut machine = machine(assignments);
+    let count = lines.lines().count();
+    machine.send_for(format!("{lines}\n"), 3000);
+    let answers = machine.answers();
+    assert_eq!(
+        answers.iter().filter(|line| *line == "ok").count(),
+        count,
+        "{answers:?}"
+    );
+    let text = "[MSG:Spindle speed is 0]";
+    answers.iter().filter(|line| *line == text).count()
+}
+
+#[test]
+fn a_feed_move_with_a_spindle_that_does_not_turn_is_reported_once_in_a_program() {
+    for lines in [
+        "M3\nG1X1\nX1\nG0X1\nG1X1",
+        "M4\nG0X1\nG2X1I.5\nX1I.5",
+        "M3G1X1",
+        "M3\nG81X1Z-1R0",
+        "M3\nG64P.1\nG1X1\nY1",
+        "M3\nG1X1\nM5\nM3\nG1X1",
+        "$C\nM3\nG1F100X1\nX1",
+    ] {
+        assert_eq!(reports_of_no_speed(&[], lines), 1, "{lines}");
+        assert_eq!(reports_of_no_speed(&["775=1"], lines), 0, "{lines}");
+        assert_eq!(reports_of_no_speed(&["32=1"], lines), 0, "{lines}");
+    }
+    for lines in [
+        "G1X1",
+        "M3\nG0X1",
+        "M3\n$J=X1F100",
+        "M3S100\nG1X1",
+        "M3S0\nG1X1",
+        "M3\nS0\nG1X1",
+        "M3\nG1X1S5\nG1X1",
+        "M3\nG38.3X1",
+        // The speed of the program before.
+        "S100\nM2\nM3\nG91F100G1X1",
+    ] {
+        assert_eq!(reports_of_no_speed(&[], lines), 0, "{lines}");
+    }
+    let twice = "M3\nG1X1\nM2\nG91F100G1X1\nM3\nX1\nX1";
+    assert_eq!(reports_of_no_speed(&[], twice), 2);
+}
+
+#[test]
+fn a_spindle_on_a_relay_has_its_time_without_a_speed() {
+    let mut machine = machine(&["394=2", "775=1"]);
+    machine.send("M3\nG1X1\n");
+    assert_waits(&mut machine, 2000, "on");
+    machine.run_to_standstill();
+    machine.send("S100\nG1X1\n");
+    assert_waits(&mut machine, 0, "another speed");
+}
+
 #[test]
 fn delays_have_grblhals_range() {
     let mut machine = machine(&[]);

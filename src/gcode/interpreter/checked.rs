@@ -5,7 +5,7 @@ use core::num::NonZeroU8;
 use super::{Compensation, CycleWords};
 use crate::{
     axis::Axes,
-    gcode::{Flow, LineError, Modal, StoredPosition, ToolCommand},
+    gcode::{Flow, LineError, Modal, MotionMode, StoredPosition, ToolCommand},
     model::{Circle, Coolant, Laser, Probing, Spindle, Target, WorkCoordinates},
     units::{MicroDegrees, Nm},
 };
@@ -31,6 +31,8 @@ pub struct Checked {
     pub(super) axes: u8,
     /// The new state of the spindle, and its speed in rpm.
     pub(super) spindle: Option<(Spindle, f32)>,
+    /// Whether the line has an `S`.
+    pub(super) has_speed: bool,
     /// The laser power of the line's moves.
     pub(super) power: Laser,
     /// Whether the state of the spindle, the coolant, the tool or the work offset changes.
@@ -230,6 +232,16 @@ impl Checked {
     #[must_use]
     pub fn drills(&self) -> bool {
         matches!(self.movement, Move::Cycle(_))
+    }
+
+    /// Whether a move of a program's line is at a feed rate.
+    pub(super) fn feeds(&self) -> bool {
+        let is_feed = match self.movement {
+            Move::Straight => self.modal.motion != MotionMode::Rapid,
+            Move::Arc(_) | Move::Cycle(_) => true,
+            Move::None | Move::Probe(_) => false,
+        };
+        is_feed && self.kind == LineKind::Program
     }
 
     /// Whether the line moves the machine.

@@ -38,6 +38,9 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
     outcome.shows_offset =
         state.modal.coordinates != checked.modal.coordinates || state.offsets.tool != checked.tool;
     state.modal = checked.modal;
+    state.wants_speed &= !checked.has_speed;
+    outcome.lacks_speed = checked.feeds() && state.lacks_speed();
+    state.wants_speed &= !outcome.lacks_speed;
     state.compensation = checked.compensation;
     if checked.moves() {
         state
@@ -88,6 +91,7 @@ impl Outcome {
         self.message = None;
         self.shows_offset = false;
         self.shows_tool = false;
+        self.lacks_speed = false;
     }
 
     pub(super) fn add(&mut self, command: Command) {

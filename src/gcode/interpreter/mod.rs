@@ -38,7 +38,7 @@ pub use tool_change::Interrupted;
 
 use heapless::Vec;
 
-use super::{FeedMode, LineError, Modal, MotionMode, PlainPrefix, Refusal, StoredPosition, Units};
+use super::{FeedMode, LineError, Modal, PlainPrefix, Refusal, StoredPosition, Units};
 use crate::{
     axis::Axes,
     model::{Command, Coolant, Spindle},
@@ -68,6 +68,8 @@ pub struct Interpreter {
     has_run_spindle: bool,
     /// It has not been switched on since the tool was changed.
     lacks_spindle: bool,
+    /// The program has had no `S`, nor has that been reported.
+    wants_speed: bool,
     /// Plain lines are executed in the modes in effect: [`Self::execute_plain`].
     has_plain_modes: bool,
     /// `M1` is a program pause.
@@ -93,6 +95,8 @@ pub struct Outcome {
     pub shows_offset: bool,
     /// Whether the next status report shows the tool in the spindle.
     pub shows_tool: bool,
+    /// Whether the line feeds with a spindle at speed 0, the first one of a program that has given no speed.
+    pub lacks_speed: bool,
 }
 
 /// A message of a line.
@@ -131,6 +135,7 @@ impl Interpreter {
             loaded_tool: 0,
             has_run_spindle: false,
             lacks_spindle: false,
+            wants_speed: true,
             has_plain_modes: true,
             stops_optionally: false,
             work_position: Axes::all(Nm(0)),
@@ -288,11 +293,13 @@ impl Interpreter {
             && modal.feed_mode == FeedMode::PerMinute
             && self.frame.rotation.is_none()
             && !self.lacks_spindle
+            && !self.lacks_speed()
             && self.compensation.is_without_effect();
     }
 
     /// Forgets what has been done with the spindle: the program is over.
     fn forget_spindle(&mut self) {
+        self.wants_speed = true;
         self.has_run_spindle = false;
         self.lacks_spindle = false;
     }
@@ -301,15 +308,13 @@ impl Interpreter {
     /// been switched on since the tool was changed.
     #[must_use]
     pub fn lacks_spindle(&self, checked: &Checked) -> bool {
-        let is_feed = match checked.movement {
-            Move::Straight => checked.modal.motion != MotionMode::Rapid,
-            Move::Arc(_) | Move::Cycle(_) => true,
-            Move::None | Move::Probe(_) => false,
-        };
-        self.lacks_spindle
-            && is_feed
-            && checked.kind == LineKind::Program
-            && checked.modal.spindle == Spindle::Off
+        self.lacks_spindle && checked.feeds() && checked.modal.spindle == Spindle::Off
+    }
+
+    /// Whether the spindle is on at speed 0 in a program that has given no speed, which has not been reported.
+    fn lacks_speed(&self) -> bool {
+        let modal = &self.modal;
+        self.wants_speed && modal.spindle != Spindle::Off && modal.speed_rpm <= 0.0
     }
 
     /// Pauses because the spindle does not run, but once.

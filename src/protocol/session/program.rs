@@ -408,6 +408,10 @@ impl Session {
             }
             Some(Message::ProgramEnd) | None => {}
         }
+        let settings = self.settings();
+        if self.line.outcome.lacks_speed && !settings.laser && !settings.spindle_relay {
+            report::feedback(&mut self.reports.message, Feedback::NoSpindleSpeed);
+        }
         self.reports.is_tool_due |= self.line.outcome.shows_tool && !is_checking;
         if is_checking && !is_compensated {
             self.line.outcome.commands.clear();

@@ -196,6 +196,9 @@ deviations! {
     SpindleTime: "D61", false,
         "motion waits for a spindle that comes back",
         "positions, feeds and outputs after a `~` with `[MSG:Restoring spindle]`, up to the next rest";
+    NoSpindleSpeed: "D62", false,
+        "a spindle that does not turn is reported",
+        "the message `[MSG:Spindle speed is 0]`";
 }
 
 impl Deviation {
@@ -260,6 +263,8 @@ pub(crate) fn of_message(ours: &str) -> Option<Deviation> {
         Some(Deviation::ToolTable)
     } else if ours.starts_with("[MSG:") && ours.ends_with(" is missing]") {
         Some(Deviation::CannedCycles)
+    } else if ours == "[MSG:Spindle speed is 0]" {
+        Some(Deviation::NoSpindleSpeed)
     } else if ours.starts_with("[MSG:I J K fit as absolute: ") {
         Some(Deviation::ArcTolerance)
     } else {

@@ -4,7 +4,7 @@ use grbl_client::Report;
 use leadscrew::{axis::AXES, gcode::LineError, model::Alarm, settings::Setting};
 
 /// What a message may tell.
-const MESSAGES: [&str; 28] = [
+const MESSAGES: [&str; 29] = [
     "Reset to continue",
     "Compensation waits for the next move",
     "'$H'|'$X' to unlock",
@@ -23,6 +23,7 @@ const MESSAGES: [&str; 28] = [
     "Sleeping",
     "Arc not on steps",
     "Spindle is off",
+    "Spindle speed is 0",
     "Stored when idle with the spindle off",
     "Not stored: lost when power is off",
     "Step rate: ",

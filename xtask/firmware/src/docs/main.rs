@@ -181,7 +181,10 @@ const SPINDLE: &str = "\n## The spindle\n\n\
     after `M3` comes on top: leave one of them out. Only the tap of `G74` and `G84` comes out of its hole at once.\n\n\
     `$392` is the same where the spindle comes back: after the door, and after a stop in a hold (0x9E), also where 0x9E has\n\
     switched it on before the hold ends. The longer of `$392` and `$394` counts. `$393` is the coolant's time after the door.\n\
-    Nothing waits in laser mode, nor in check mode.\n";
+    Nothing waits in laser mode, nor in check mode.\n\n\
+    `M3` in a program that has no `S` turns no spindle whose speed comes from the PWM output. The first feed move then says\n\
+    `[MSG:Spindle speed is 0]`, once up to `M2`, `M30` or a reset; nothing stops. A spindle on a relay turns all the same: with\n\
+    `$775=1` there is no such message, and `M3` without `S` wants the time of `$394`.\n";
 
 /// What limits of jerk do.
 const JERK: &str = "\n## Limits of jerk\n\n\
