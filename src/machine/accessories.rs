@@ -27,6 +27,8 @@ pub struct Accessories {
     spindle: Spindle,
     /// Programmed speed at rest, rpm; in laser mode, the power that stays on at rest.
     rpm: f32,
+    /// The speed that the program has come to, where no move may bring it.
+    next_rpm: Option<f32>,
     /// The programmed coolant, with realtime toggles since.
     coolant: Coolant,
     /// Number of toggles, wrapping.
@@ -60,6 +62,7 @@ impl Accessories {
         Self {
             spindle: Spindle::Off,
             rpm: 0.0,
+            next_rpm: None,
             coolant: Coolant::OFF,
             toggles: 0,
             changes: 0,
@@ -172,10 +175,24 @@ impl Accessories {
     pub fn set_spindle(&mut self, spindle: Spindle, rpm: f32) {
         self.end_wait_for_motion();
         self.is_resumed = false;
+        self.next_rpm = None;
         self.spindle = spindle;
         let is_proportional = self.is_laser && spindle == Spindle::CounterClockwise;
         self.rpm = if is_proportional { 0.0 } else { rpm };
         self.count_change();
+    }
+
+    /// Sets the speed for the next rest; moves bring their own.
+    pub const fn queue_speed(&mut self, rpm: f32) {
+        self.next_rpm = Some(rpm);
+    }
+
+    /// Changes the speed at rest to the one that the program has come to.
+    pub fn apply_speed(&mut self) {
+        if let Some(rpm) = self.next_rpm.take() {
+            self.rpm = rpm;
+            self.count_change();
+        }
     }
 
     /// Ends the wait of a laser for a motion or a new state.
@@ -331,6 +348,7 @@ impl Accessories {
 
     /// Switches everything off, not to be restored.
     pub fn switch_off(&mut self) {
+        self.next_rpm = None;
         self.spindle = Spindle::Off;
         self.coolant = Coolant::OFF;
         self.stop = SpindleStop::None;
@@ -339,7 +357,7 @@ impl Accessories {
         self.is_changed = true;
     }
 
-    /// Begins a block, whose laser sets the power that stays on at rest.
+    /// Begins a block, whose laser or speed sets the power that stays on at rest.
     pub fn begin_block(&mut self, laser: Laser) {
         self.end_wait_for_motion();
         let rpm = match laser {

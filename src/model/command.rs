@@ -55,6 +55,8 @@ pub enum Command {
         /// Programmed speed, rpm.
         rpm: f32,
     },
+    /// A new speed of a spindle that turns, rpm: it changes where the moves that follow begin, without a stop.
+    Speed(f32),
     /// The other direction of a spindle whose tap is at the bottom of its hole: it feeds out at once.
     ReverseTap {
         /// Direction.
@@ -126,13 +128,13 @@ pub struct Circle {
     pub tilt: MicroDegrees,
 }
 
-/// The state of the laser during a move.
+/// The state of the laser, or the speed of the spindle, during a move.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub enum Laser {
     /// Laser mode is off: moves leave the spindle as it is.
     #[default]
     None,
-    /// This power, as a spindle speed in rpm (`M3`).
+    /// This power, as a spindle speed in rpm (`M3`); the speed of a spindle that has changed it while it turned.
     Constant(f32),
     /// Power in proportion to the actual speed, this value at the programmed speed (`M4`).
     Proportional(f32),

@@ -193,6 +193,7 @@ impl Blender {
             | Command::Probe { .. }
             | Command::Dwell { .. }
             | Command::Spindle { .. }
+            | Command::Speed(_)
             | Command::ReverseTap { .. }
             | Command::Coolant(_)
             | Command::Overrides(_)

@@ -196,13 +196,30 @@ impl Router {
                 return None;
             }
             Command::Dwell { milliseconds } => send(Work::Dwell(*milliseconds)),
-            Command::Spindle { spindle, rpm } => send(Work::Spindle(*spindle, *rpm)),
-            Command::ReverseTap { spindle, rpm } => send(Work::ReverseTap(*spindle, *rpm)),
+            Command::Spindle { spindle, rpm } => {
+                self.forget_speed();
+                send(Work::Spindle(*spindle, *rpm))
+            }
+            Command::ReverseTap { spindle, rpm } => {
+                self.forget_speed();
+                send(Work::ReverseTap(*spindle, *rpm))
+            }
+            Command::Speed(rpm) => {
+                self.laser = Laser::Constant(*rpm);
+                send(Work::Speed(*rpm))
+            }
             Command::Coolant(coolant) => send(Work::Coolant(*coolant)),
             Command::Overrides(switches) => send(Work::Overrides(*switches)),
             Command::Pause => send(Work::Pause),
             Command::ToolPause => send(Work::ToolPause),
         })
+    }
+
+    /// Leaves a spindle as it has been switched in the moves to come.
+    fn forget_speed(&mut self) {
+        if !self.settings.laser {
+            self.laser = Laser::None;
+        }
     }
 
     /// As [`Self::route`], for an output of the blender.

@@ -36,6 +36,7 @@ pub fn leaves_travel(settings: &Settings, from: &Axes<Nm>, command: &Command) ->
         Command::Power(_)
         | Command::Dwell { .. }
         | Command::Spindle { .. }
+        | Command::Speed(_)
         | Command::ReverseTap { .. }
         | Command::Coolant(_)
         | Command::Overrides(_)

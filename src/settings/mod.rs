@@ -164,6 +164,8 @@ settings! {
     laser: bool = false,
     /// `$775` Whether the spindle turns at speed 0, too.
     spindle_relay: bool = false,
+    /// `$776` Whether motion stops where a spindle that turns gets another speed.
+    stops_for_speed: bool = false,
     /// `$392` Time for the spindle behind the door, and behind its stop in a hold, s; 4 s as in Grbl.
     door_spindle_delay_s: f32 = 4.0,
     /// `$393` Time for the coolant behind the door, s; 1 s as in Grbl.

@@ -35,7 +35,11 @@ fn text(command: &Command) -> String {
         }
         Command::Overrides(_) => "overrides on".into(),
         Command::Pause | Command::ToolPause => "pause".into(),
-        Command::Arc { .. } | Command::Probe { .. } | Command::Power(_) | Command::Coolant(_) => {
+        Command::Arc { .. }
+        | Command::Probe { .. }
+        | Command::Power(_)
+        | Command::Speed(_)
+        | Command::Coolant(_) => {
             unreachable!()
         }
     }

@@ -128,7 +128,12 @@ fn the_spindle_gets_a_command_when_its_state_or_its_speed_changes() {
         spindle: Spindle::Clockwise,
         rpm,
     };
-    assert_eq!(commands(&["M3S100", "S200"]), [turning(200.0)]);
+    // A spindle that turns goes on turning.
+    assert_eq!(commands(&["M3S100", "S200"]), [Command::Speed(200.0)]);
+    assert_eq!(commands(&["M3S100", "M3S200"]), [Command::Speed(200.0)]);
+    assert_eq!(commands(&["M3", "S200"]), [turning(200.0)]);
+    assert_eq!(commands(&["M3S200", "S0"]), [turning(0.0)]);
+    assert_eq!(commands(&["M4S100", "M3S200"]), [turning(200.0)]);
     assert_eq!(commands(&["S200", "M3"]), [turning(200.0)]);
 }
 
@@ -185,7 +190,7 @@ fn lines_wait_for_standstill_where_grbl_synchronises() {
         (checked.waits_for_standstill(), checked.answers_when_done())
     };
     for line in [
-        "", "G0X1", "G1X1", "G28", "G55", "M3S100", "M8", "T4", "G43.1Z1", "M1",
+        "", "G0X1", "G1X1", "G28", "G55", "M3S100", "M8", "T4", "G43.1Z1", "M1", "S200", "G1X1S200",
     ] {
         assert_eq!(waits(line, false), (false, false), "{line}");
     }
@@ -201,8 +206,8 @@ fn lines_wait_for_standstill_where_grbl_synchronises() {
         "M4",
         "M5",
         "M9",
-        "S200",
-        "G1X1S200",
+        "S0",
+        "G1X1S0",
     ] {
         assert_eq!(waits(line, false), (true, false), "{line}");
     }

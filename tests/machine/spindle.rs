@@ -1,4 +1,5 @@
-//! The time that a spindle takes to come up to speed: `$394`, and `$392` behind its stop in a hold and the door.
+//! The time that a spindle takes to come up to speed: `$394`, and `$392` behind its stop in a hold and the door; and
+//! its speed while the machine moves.
 
 use leadscrew::{
     model::{Spindle, State},
@@ -270,6 +271,142 @@ fn a_spindle_on_a_relay_has_its_time_without_a_speed() {
     machine.run_to_standstill();
     machine.send("S100\nG1X1\n");
     assert_waits(&mut machine, 0, "another speed");
+}
+
+/// Sends lines to a machine at 0 whose spindle is at full speed. Returns where along X the duty is another one, in steps,
+/// and the duty in steps of Grbl's PWM; and the time, s.
+fn run(assignments: &[&str], lines: &str) -> (Vec<(i32, u16)>, f64) {
+    let mut machine = machine(assignments);
+    machine.send_for("M3S1000\n", 20);
+    let start = machine.seconds();
+    machine.send(format!("{lines}\n"));
+    machine.run_to_standstill();
+    let seconds = machine.seconds() - start;
+    assert!(!machine.received.contains("error"), "{}", machine.received);
+    let (mut x, mut duty) = (0, 0);
+    let mut duties = Vec::new();
+    for edge in machine.edges.iter().filter(|edge| edge.raise & 1 != 0) {
+        if edge.duty != duty {
+            duty = edge.duty;
+            duties.push((x, duty / 4));
+        }
+        x += 1 - 2 * i32::from(edge.directions & 1);
+    }
+    (duties, seconds)
+}
+
+#[test]
+fn a_speed_in_each_line_stops_no_motion_and_changes_where_its_line_begins() {
+    let plain = run(&[], "G1X1\nX1\nX1\nX1").1;
+    let changes = [(0, 128), (250, 204), (500, 51), (750, 255)];
+    for lines in [
+        "G1X1S500\nX1S800\nX1S200\nX1S1000",
+        // A line of its own.
+        "S500\nG1X1\nS800\nX1\nS200\nX1\nS1000\nX1",
+        // The last one counts, and G0 changes nothing.
+        "S500\nG1X1\nS100\nS800\nX1\nX1M3S200\nS1000X1",
+    ] {
+        let (duties, seconds) = run(&[], lines);
+        assert_eq!(duties, changes, "{lines}");
+        assert!(
+            (seconds - plain).abs() < 0.002,
+            "{lines}: {seconds} s, {plain} s"
+        );
+    }
+    let lines = "G1X1S500\nX1S800\nX1S200\nX1S1000";
+    let (duties, seconds) = run(&["776=1"], lines);
+    assert_eq!(duties, changes);
+    assert!(seconds > plain + 0.09, "{seconds} s, {plain} s");
+}
+
+/// Returns the speed in the next status report, rpm.
+fn shown_rpm(machine: &mut Machine) -> String {
+    let report = machine.report();
+    let speeds = report.field("FS").unwrap_or_default().to_owned();
+    speeds.rsplit(',').next().unwrap_or_default().to_owned()
+}
+
+#[test]
+fn a_speed_that_no_move_brings_comes_at_rest_before_all_that_follows() {
+    let mut machine = machine(&[]);
+    machine.send_for("M3S1000\n", 20);
+    machine.send_for("S500\n", 5);
+    assert_eq!(
+        (shown_rpm(&mut machine), machine.outputs().duty / 4),
+        ("500".to_owned(), 128)
+    );
+    // Nothing follows; the line is answered in motion.
+    machine.take_received();
+    machine.send_for("G1X1\nS800\n", 40);
+    assert_eq!(
+        (machine.take_received().as_str(), machine.state()),
+        ("ok\r\nok\r\n", State::Run)
+    );
+    assert_eq!(shown_rpm(&mut machine), "500");
+    machine.run_to_standstill();
+    assert_eq!(
+        (shown_rpm(&mut machine), machine.outputs().duty / 4),
+        ("800".to_owned(), 204)
+    );
+    for (number, next) in ["G4P1", "M0", "M8", "G1X.0001", "G4P1\nS1"]
+        .into_iter()
+        .enumerate()
+    {
+        let rpm = 100 * (number + 1);
+        machine.send_for(format!("G1X1\nS{rpm}\n{next}\n"), 700);
+        assert_eq!(shown_rpm(&mut machine), rpm.to_string(), "{next}");
+        machine.send_for(b"~", 1500);
+        machine.run_to_standstill();
+    }
+    assert_eq!(shown_rpm(&mut machine), "1");
+}
+
+#[test]
+fn the_speed_of_the_move_in_execution_comes_back_after_a_hold_a_stop_and_the_door() {
+    for bytes in [&b"!"[..], b"!\x9e", b"\x84"] {
+        let mut machine = machine(&["392=0.5"]);
+        machine.send_for("M3S1000\nG1X5S500\nS800\nX5\nS300\n", 150);
+        for &byte in bytes {
+            machine.send_for([byte], 300);
+        }
+        assert!(machine.xyz()[0] < 1250);
+        let is_on = bytes == b"!";
+        assert_eq!(shown_rpm(&mut machine), if is_on { "500" } else { "0" });
+        machine.send_for(b"~", if is_on { 50 } else { 550 });
+        assert_eq!(shown_rpm(&mut machine), "500", "{bytes:?}");
+        // Half of the way.
+        machine.run_until(|machine| machine.xyz()[0] > 1300);
+        assert_eq!(shown_rpm(&mut machine), "800", "{bytes:?}");
+        machine.send_for(b"\x9a", 20);
+        assert_eq!(shown_rpm(&mut machine), "880", "{bytes:?}");
+        machine.run_to_standstill();
+        assert_eq!(machine.xyz()[0], 2500);
+        assert_eq!(shown_rpm(&mut machine), "330", "{bytes:?}");
+        assert_eq!(machine.outputs().duty / 4, 84);
+    }
+}
+
+#[test]
+fn speeds_keep_their_place_in_blended_and_compensated_paths() {
+    let (duties, _) = run(&[], "G64P.1\nG1X1S500\nX1\nS800\nX1\nX1S500\nX1");
+    assert_eq!(duties, [(0, 128), (500, 204), (750, 128)]);
+    let (duties, _) = run(&[], "G41.1D0\nG1X1Y1S500\nX1\nS800\nX1\nG40");
+    assert_eq!(duties, [(0, 128), (500, 204)]);
+}
+
+#[test]
+fn another_speed_wants_no_time_and_a_reset_forgets_it() {
+    let mut machine = machine(&["394=2"]);
+    machine.send_for("M3S1000\nG1X1\n", 3000);
+    machine.send("S500\nG1X1\n");
+    assert_waits(&mut machine, 0, "speed");
+    machine.run_to_standstill();
+    machine.send_for("!S300\n", 100);
+    machine.send_for(b"\x18", 100);
+    machine.send_for("M3S700\n", 100);
+    assert_eq!(shown_rpm(&mut machine), "700");
+    machine.send_for("G91F1000G1X1\n", 3000);
+    assert_eq!(shown_rpm(&mut machine), "700");
 }
 
 #[test]

@@ -210,6 +210,7 @@ impl Bench {
                 machine.spindle_rpm = *rpm;
                 machine.accessory_changes = machine.accessory_changes.wrapping_add(1);
             }
+            Work::Speed(rpm) => machine.spindle_rpm = *rpm,
             Work::Coolant(coolant) => {
                 machine.coolant = *coolant;
                 machine.accessory_changes = machine.accessory_changes.wrapping_add(1);

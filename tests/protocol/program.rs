@@ -244,8 +244,8 @@ fn another_laser_mode_switches_the_spindle_off() {
 }
 
 #[test]
-fn without_laser_mode_a_spindle_speed_is_switched_at_standstill() {
-    let mut bench = Bench::new();
+fn a_spindle_speed_is_switched_at_standstill_where_the_setting_wants_it() {
+    let mut bench = Bench::set(&["776=1"]);
     assert_eq!(bench.answer("M3S500\nG1X1F100S800\n"), ["ok"; 2]);
     let done = bench.works();
     assert!(
@@ -259,6 +259,27 @@ fn without_laser_mode_a_spindle_speed_is_switched_at_standstill() {
         ),
         "{done:?}"
     );
+}
+
+#[test]
+fn a_spindle_speed_goes_along_with_the_moves() {
+    let mut bench = Bench::new();
+    let lines = "M3S500\nG1X1F100S800\nS600\nG0X2\nM4\nG0X3\n";
+    assert_eq!(bench.answer(lines), ["ok"; 6]);
+    let done = bench.works().into_iter().map(|work| match work {
+        Work::Move(block) => format!("{:?}", block.laser),
+        other => format!("{other:?}"),
+    });
+    let expected = [
+        "Spindle(Clockwise, 500.0)",
+        "Speed(800.0)",
+        "Constant(800.0)",
+        "Speed(600.0)",
+        "Constant(600.0)",
+        "Spindle(CounterClockwise, 600.0)",
+        "None",
+    ];
+    assert_eq!(done.collect::<Vec<_>>(), expected);
 }
 
 #[test]

@@ -37,6 +37,29 @@ fn the_spindle_stops_in_a_hold_only_and_comes_back() {
 }
 
 #[test]
+fn a_speed_comes_before_the_dwell_that_follows_at_rest_and_in_motion() {
+    let mut rig = Rig::new(&fast());
+    send(&mut rig, Work::Spindle(Spindle::Clockwise, 1000.0));
+    for (rpm, moves) in [(500.0, false), (300.0, true)] {
+        let start = rig.now;
+        if moves {
+            go(&mut rig, &line(&[1.0], 1000.0));
+        }
+        assert!(rig.enqueue(Work::Speed(rpm)) && rig.enqueue(Work::Dwell(500)));
+        rig.prepare();
+        if moves {
+            assert_eq!(rig.snapshot().spindle_rpm, 500.0);
+        }
+        rig.run_to(start + 400 * MS);
+        assert_eq!(
+            (state(&rig), rig.snapshot().spindle_rpm),
+            (State::Idle, rpm)
+        );
+        rig.run_to(start + 1000 * MS);
+    }
+}
+
+#[test]
 fn a_spindle_override_acts_at_rest_in_motion_and_in_a_hold() {
     let mut rig = Rig::new(&fast());
     send(&mut rig, Work::Spindle(Spindle::Clockwise, 500.0));

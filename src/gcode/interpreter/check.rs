@@ -127,6 +127,7 @@ fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checke
         },
         axes: parsed.axes,
         spindle: None,
+        speed: None,
         has_speed: parsed.words.contains(Word::S),
         power: Laser::None,
         changes_state: false,

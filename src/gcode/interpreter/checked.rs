@@ -31,6 +31,8 @@ pub struct Checked {
     pub(super) axes: u8,
     /// The new state of the spindle, and its speed in rpm.
     pub(super) spindle: Option<(Spindle, f32)>,
+    /// The new speed of a spindle that turns, and goes on turning, rpm.
+    pub(super) speed: Option<f32>,
     /// Whether the line has an `S`.
     pub(super) has_speed: bool,
     /// The laser power of the line's moves.
@@ -169,7 +171,11 @@ impl Checked {
             self.spindle,
             Some((Spindle::Clockwise | Spindle::CounterClockwise, _))
         );
-        moves || starts || self.flow != Flow::Run || self.tool_command != ToolCommand::None
+        moves
+            || starts
+            || self.speed.is_some()
+            || self.flow != Flow::Run
+            || self.tool_command != ToolCommand::None
     }
 
     /// Whether the line asks for a machine that is not locked: it belongs into a program, probes, or

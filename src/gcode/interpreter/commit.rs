@@ -108,6 +108,9 @@ fn add_switching(state: &mut Interpreter, checked: &Checked, outcome: &mut Outco
         state.has_run_spindle |= runs;
         state.lacks_spindle &= !runs;
     }
+    if let Some(rpm) = checked.speed {
+        outcome.add(Command::Speed(rpm));
+    }
     if state.modal.coolant != checked.modal.coolant {
         outcome.add(Command::Coolant(checked.modal.coolant));
     }

@@ -305,7 +305,7 @@ impl Interpreter {
     #[must_use]
     pub fn commands_before_move(&self, checked: &Checked) -> usize {
         let (before, after) = (&self.modal, &checked.modal);
-        usize::from(checked.spindle.is_some())
+        usize::from(checked.spindle.is_some() || checked.speed.is_some())
             + usize::from(before.coolant != after.coolant)
             + usize::from(before.overrides != after.overrides)
             + usize::from(matches!(checked.action, Action::Dwell(_)))

@@ -1,8 +1,9 @@
 //! What a line does to the spindle, and to the laser where the spindle is one.
 //!
-//! A spindle changes at standstill. In laser mode the power goes along with the moves instead:
-//! a new `S` in a line that moves needs no standstill, and moves that must not burn (`G0`, probing)
-//! have none. Read with Grbl 1.1 `laser_mode.md`.
+//! A spindle is switched at standstill. While it turns, a new `S` changes its speed in the order of the program
+//! without one, unless `$776` wants it. In laser mode the power goes along with the moves: a new `S` in a line that
+//! moves needs no standstill, and moves that must not burn (`G0`, probing) have none. Read with Grbl 1.1
+//! `laser_mode.md`.
 
 use super::{Action, Checked, Interpreter};
 use crate::{
@@ -35,7 +36,10 @@ pub(super) fn set(
         && burns(before.motion) != burns(after.motion);
     let is_new = before.speed_rpm != after.speed_rpm || is_forced;
     let goes_along = is_laser && is_motion;
-    if is_switched || (is_new && before.spindle != Spindle::Off && !goes_along) {
+    let turns = !is_laser && before.speed_rpm > 0.0 && rpm > 0.0 && !settings.stops_for_speed;
+    if turns && !is_switched && is_new && before.spindle != Spindle::Off {
+        checked.speed = Some(rpm);
+    } else if is_switched || (is_new && before.spindle != Spindle::Off && !goes_along) {
         checked.spindle = Some(match after.spindle {
             Spindle::Off => (Spindle::Off, 0.0),
             spindle => (spindle, rpm),

@@ -30,6 +30,7 @@ impl Motion {
         }
         match entry.work {
             Work::Move(_) | Work::Fault(_) => true,
+            Work::Speed(_) => !is_ending && !self.is_occupied(),
             Work::Dwell(_)
             | Work::Probe(..)
             | Work::Spindle(..)
@@ -80,7 +81,12 @@ impl Motion {
             self.finish_entries(1);
         } else if let Work::Move(block) = &entry.work {
             self.plan.push(block);
+        } else if let Work::Speed(rpm) = entry.work {
+            self.accessories.queue_speed(rpm);
+            self.finish_entries(1);
         } else {
+            // What the moves before have not brought with them comes before this.
+            self.accessories.apply_speed();
             self.begin_work(&entry.work, inputs);
         }
         let _ = entries.dequeue();
@@ -98,7 +104,7 @@ impl Motion {
             }
             Work::Probe(block, probing) if self.begin_probe(block, *probing, inputs) => return,
             Work::Home(axes) if self.begin_homing(*axes, inputs) => return,
-            Work::Move(_) | Work::Probe(..) | Work::Home(_) => {}
+            Work::Move(_) | Work::Speed(_) | Work::Probe(..) | Work::Home(_) => {}
             Work::Dwell(milliseconds) => {
                 let ticks = u64::from(*milliseconds) * u64::from(TICKS_PER_MS);
                 self.activity = Activity::Dwell(ticks);

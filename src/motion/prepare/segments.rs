@@ -215,6 +215,9 @@ impl Motion {
         if self.control.state == State::HoldComplete {
             self.accessories.stop_in_hold();
         }
+        if self.plan.is_empty() && !self.control.state.is_suspended() {
+            self.accessories.apply_speed();
+        }
         if self.delays.restoring != Restoring::None {
             self.restore();
         }

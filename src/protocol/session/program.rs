@@ -426,7 +426,9 @@ impl Session {
             Some(AfterCommands::Probe)
         } else {
             // Outputs that switch at standstill have switched when the answer comes.
-            let switches = !self.line.checked.moves() && !self.line.outcome.commands.is_empty();
+            let mut commands = self.line.outcome.commands.iter();
+            let switches = !self.line.checked.moves()
+                && commands.any(|command| !matches!(command, Command::Speed(_)));
             // A startup line is stored when its motion is over.
             let is_stored = matches!(self.line.source, Source::NewStartup { .. });
             let is_switched = switches || self.line.checked.answers_when_done();
@@ -466,6 +468,7 @@ impl Session {
                 | Command::Power(_)
                 | Command::Dwell { .. }
                 | Command::Spindle { .. }
+                | Command::Speed(_)
                 | Command::ReverseTap { .. }
                 | Command::Coolant(_)
                 | Command::Overrides(_)

@@ -188,6 +188,7 @@ impl Session {
             Command::Power(_)
             | Command::Dwell { .. }
             | Command::Spindle { .. }
+            | Command::Speed(_)
             | Command::ReverseTap { .. }
             | Command::Coolant(_)
             | Command::Overrides(_)
@@ -202,7 +203,8 @@ impl Session {
         let Laser::Constant(rpm) = self.router.laser() else {
             return None;
         };
-        let is_on = self.interpreter.modal().spindle == Spindle::Clockwise;
+        let is_laser = self.settings().laser;
+        let is_on = is_laser && self.interpreter.modal().spindle == Spindle::Clockwise;
         if !is_on || matches!(feed_rate, FeedRate::Jog(_)) {
             return None;
         }
@@ -296,7 +298,7 @@ fn is_blended(control: PathControl, command: &Command) -> bool {
     match (control, command) {
         (
             PathControl::Continuous { .. },
-            Command::Line { .. } | Command::Arc { .. } | Command::Power(_),
+            Command::Line { .. } | Command::Arc { .. } | Command::Power(_) | Command::Speed(_),
         ) => true,
         (
             PathControl::ExactPath | PathControl::ExactStop | PathControl::Continuous { .. },
@@ -306,6 +308,7 @@ fn is_blended(control: PathControl, command: &Command) -> bool {
             | Command::Probe { .. }
             | Command::Dwell { .. }
             | Command::Spindle { .. }
+            | Command::Speed(_)
             | Command::ReverseTap { .. }
             | Command::Coolant(_)
             | Command::Overrides(_)

@@ -199,6 +199,10 @@ deviations! {
     NoSpindleSpeed: "D62", false,
         "a spindle that does not turn is reported",
         "the message `[MSG:Spindle speed is 0]`";
+    SpeedInMotion: "D63", false,
+        "the speed of a spindle that turns changes in motion",
+        "an `ok` that comes earlier after a line with an S, not in laser mode; and which report has `Ov` \
+         after it";
 }
 
 impl Deviation {

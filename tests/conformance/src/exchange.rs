@@ -270,6 +270,14 @@ impl Exchange {
         !self.is_laser() && resumed.is_some() && (rest < resumed || rest == Some(step))
     }
 
+    /// Whether a line up to a step has given a spindle another speed, without switching it.
+    fn is_after_speed(&self, step: usize) -> bool {
+        let lines = self.session.steps().take(step + 1);
+        let has_speed =
+            |line: &str| !line.starts_with('$') && line.contains('S') && !line.contains('M');
+        !self.is_laser() && lines.filter_map(|step| step.line.as_deref()).any(has_speed)
+    }
+
     /// Whether a dwell had begun before a step and no answer to it had come.
     fn is_dwelling(&self, step: usize) -> bool {
         let before = self.session.steps().take(step).collect::<Vec<_>>();

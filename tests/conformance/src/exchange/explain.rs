@@ -395,6 +395,9 @@ impl<'a> LineComparison<'a> {
         if late_s < 0.0 && their.text == "ok" && self.follows_an_arc(their.step) {
             return Some(Deviation::Arcs);
         }
+        if late_s < 0.0 && their.text == "ok" && self.exchange.is_after_speed(their.step) {
+            return Some(Deviation::SpeedInMotion);
+        }
         if late_s < 0.0 && their.text == "ok" && self.is_withheld_for_room(their.step) {
             return Some(Deviation::Buffers);
         }

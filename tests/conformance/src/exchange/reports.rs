@@ -122,15 +122,19 @@ impl Comparison<'_> {
         findings.extend(reader.values());
         let mut found = Found::new();
         let waits = self.exchange.is_after_spindle_stop(pair.step);
-        let by_design = waits.then_some(Deviation::SpindleTime);
+        let changes = self.exchange.is_after_speed(pair.step);
         for (what, finding) in findings {
             let text = || format!("{what}: `{}`, Grbl `{}`", ours.text, theirs.text);
             match finding {
                 Finding::Same => {}
                 Finding::Excused(deviation) => found.push((text(), Some(deviation))),
                 Finding::Differs => {
-                    let is_late = ["position", "FS"].contains(&what.as_str());
-                    found.push((text(), by_design.filter(|_| is_late)));
+                    let by_design = match what.as_str() {
+                        "position" | "FS" => waits.then_some(Deviation::SpindleTime),
+                        "fields" => changes.then_some(Deviation::SpeedInMotion),
+                        _ => None,
+                    };
+                    found.push((text(), by_design));
                 }
             }
         }

@@ -201,6 +201,22 @@ fn a_hold_may_act_sooner_but_not_anywhere() {
 }
 
 #[test]
+fn a_line_after_another_speed_may_be_answered_sooner() {
+    let answered = |speed: &str| {
+        let mut recording = recorded(&format!(
+            r#"{{"id": "speed", "settings_set": "fast", "transcript": [{{"boot": true}},
+            {{"line": "M3 S1000", "t": 0.0}}, {{"line": "G1 X5 F1000", "t": 0.1}},
+            {{"line": "{speed}", "t": 0.2}}, {{"idle": 9, "t": 0.3}}]}}"#
+        ));
+        let time_s = &mut recording["transcript"][3]["recv_t"][0];
+        *time_s = json!(time_s.as_f64().unwrap() + 0.2);
+        found(&recording)
+    };
+    assert_eq!(answered("S500"), [("time", Some(Deviation::SpeedInMotion))]);
+    assert_eq!(answered("M5")[0], ("time", None));
+}
+
+#[test]
 fn motion_may_wait_for_a_spindle_that_was_stopped_in_a_hold() {
     let recording = recorded(
         r#"{"id": "stopped", "settings_set": "fast", "transcript": [{"boot": true},

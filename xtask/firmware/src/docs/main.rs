@@ -184,7 +184,11 @@ const SPINDLE: &str = "\n## The spindle\n\n\
     Nothing waits in laser mode, nor in check mode.\n\n\
     `M3` in a program that has no `S` turns no spindle whose speed comes from the PWM output. The first feed move then says\n\
     `[MSG:Spindle speed is 0]`, once up to `M2`, `M30` or a reset; nothing stops. A spindle on a relay turns all the same: with\n\
-    `$775=1` there is no such message, and `M3` without `S` wants the time of `$394`.\n";
+    `$775=1` there is no such message, and `M3` without `S` wants the time of `$394`.\n\n\
+    The speed of a spindle that turns changes where the moves after an `S` begin, and these do not stop for it. An `S` that no\n\
+    move follows counts at rest, before a dwell and whatever comes next. `$776=1` is for drives that want a standstill: the\n\
+    machine stops before each change of speed, as Grbl does. It does in any case where the spindle starts, stops or is reversed:\n\
+    at `S0` and an `S` after it, too.\n";
 
 /// What limits of jerk do.
 const JERK: &str = "\n## Limits of jerk\n\n\

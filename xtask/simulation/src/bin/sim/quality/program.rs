@@ -73,7 +73,7 @@ impl Programmed {
                 None
             }
             // Only the machine knows where a probing move ends.
-            Command::Probe { .. } | Command::Power(_) => None,
+            Command::Probe { .. } | Command::Power(_) | Command::Speed(_) => None,
         }
     }
 
