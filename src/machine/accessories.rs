@@ -102,13 +102,6 @@ impl Accessories {
         core::mem::take(&mut self.is_changed)
     }
 
-    /// Returns whether there has been a change since the last call of [`Accessories::take_changed`].
-    #[inline]
-    #[must_use]
-    pub const fn is_changed(&self) -> bool {
-        self.is_changed
-    }
-
     /// Returns the overrides in effect.
     #[must_use]
     pub const fn overrides(&self) -> Overrides {

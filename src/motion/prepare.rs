@@ -369,13 +369,11 @@ impl Motion {
         self.inputs = inputs.active();
         let was_dwelling = self.is_dwelling();
         let job = self.next_job(conditions, requests, inputs, segments, entries);
-        if job == Job::FirstSegment && self.delays.enable_ms != 0 {
-            self.prepare_drivers();
-        }
-        self.queue.is_first_next = job == Job::FirstSegment && !self.waits_before_motion();
+        self.queue.is_first_next = false;
         let mut is_settled = false;
         match job {
-            Job::None | Job::FirstSegment => {}
+            Job::None => {}
+            Job::FirstSegment => self.queue.is_first_next = self.is_ready_for_motion(),
             Job::Underrun => self.handle_underrun(segments),
             Job::Halted => self.handle_halted(segments, events),
             Job::Reset => self.handle_reset(requests, segments),
@@ -389,9 +387,6 @@ impl Motion {
                 // Z may have to stop nowhere on its way, so that nothing was to be played.
                 is_settled = self.control == before && !self.parking.is_moving();
             }
-        }
-        if self.accessories.is_changed() {
-            self.watch_spindle();
         }
         let is_still = self.is_at_standstill(conditions);
         if HAS_SECOND_MOTORS && !self.homing.is_active() {

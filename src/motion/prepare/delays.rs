@@ -133,7 +133,8 @@ impl Motion {
     }
 
     /// Begins the time of a spindle that has been switched on or turns the other way, and ends that of one which
-    /// has been switched off.
+    /// has been switched off. Called in each standstill, and before each motion from it: one of both follows at once
+    /// whatever switches the spindle.
     #[inline(never)]
     pub(super) fn watch_spindle(&mut self) {
         let rotation = self.accessories.rotation();
@@ -229,6 +230,15 @@ impl Motion {
         if were_off && self.delays.enable_ms != 0 && self.delays.running == Delay::None {
             self.start_delay(Delay::Enable, self.delays.enable_ms);
         }
+    }
+
+    /// Gives spindle and drivers the time that they need before a motion from rest. Returns whether it can begin.
+    pub(super) fn is_ready_for_motion(&mut self) -> bool {
+        self.watch_spindle();
+        if self.delays.enable_ms != 0 {
+            self.prepare_drivers();
+        }
+        !self.waits_before_motion()
     }
 
     /// Whether the drivers, or the spindle, are not ready yet for what is to move, and is not to end. Z is parked

@@ -221,6 +221,7 @@ impl Motion {
         if self.delays.restoring != Restoring::None {
             self.restore();
         }
+        self.watch_spindle();
         self.begin_moves();
         self.start_idle_delay();
     }
