@@ -49,6 +49,9 @@ const _: () = assert!(
     "make BUFFER_BYTES larger: it must hold a record and its key"
 );
 
+/// How often a record is written at most, where words are damaged.
+const APPENDS: u32 = 3;
+
 type RecordCache = Cache<ArrayPageStates<2>, ArrayPagePointers<2>, ArrayKeyPointers<u8, KEYS>, u8>;
 type Map<'a, F> = MapStorage<u8, &'a mut Sectors<F>, RecordCache>;
 
@@ -596,7 +599,7 @@ impl<F: NorFlash> Journal<F> {
     }
 
     /// Stores a record. A word that has lost a bit without being programmed spoils the first record
-    /// written there; the record is then written once more, after that word.
+    /// written there; the record is then written again, after that word.
     #[inline(never)]
     fn store(&mut self, key: u8, record: &[u8]) -> Result<(), Fault> {
         let index = record::index_of(key).ok_or(StoreError::NoRoom)?;
@@ -607,10 +610,14 @@ impl<F: NorFlash> Journal<F> {
             stamp: Some(stamp),
             record,
         };
-        match self.append(key, &stamped) {
-            Err(Fault::Refused(StoreError::Flash)) => self.append(key, &stamped),
-            result => result,
-        }?;
+        let mut appended = self.append(key, &stamped);
+        for _ in 1..APPENDS {
+            if !matches!(appended, Err(Fault::Refused(StoreError::Flash))) {
+                break;
+            }
+            appended = self.append(key, &stamped);
+        }
+        appended?;
         self.stamp = stamp;
         self.found[index] = stamp.versions[index];
         self.sectors.newest = stamp.number;

@@ -4,7 +4,7 @@ use grbl_client::Report;
 use leadscrew::{axis::AXES, gcode::LineError, model::Alarm, settings::Setting};
 
 /// What a message may tell.
-const MESSAGES: [&str; 29] = [
+const MESSAGES: [&str; 30] = [
     "Reset to continue",
     "Compensation waits for the next move",
     "'$H'|'$X' to unlock",

@@ -1,9 +1,12 @@
 //! The summary of a run: what is printed at its end.
 
-use common::text::{duration, row, separated};
+use common::{
+    text::{duration, row, separated},
+    ui,
+};
 use owo_colors::OwoColorize;
 
-use crate::{Refusals, figures::Figures};
+use crate::{Refusals, figures::Figures, program::encoding_warning};
 
 /// Causes of refusals that are printed: a file that is no program has one in each line.
 const CAUSES: usize = 24;
@@ -49,13 +52,21 @@ pub fn print(figures: &Figures) {
             figures.event_hash
         ),
     );
-    print_refusals(&figures.refusals);
+    print_faults(figures);
 }
 
 /// The same for numbers with a sign.
 fn grouped(number: i32) -> String {
     let sign = if number < 0 { "-" } else { "" };
     format!("{sign}{}", separated(u64::from(number.unsigned_abs())))
+}
+
+/// Prints what was wrong with the program: text that was not sent, and refused lines.
+pub fn print_faults(figures: &Figures) {
+    if let Some(line) = figures.foreign_line {
+        ui::warning(&encoding_warning(line));
+    }
+    print_refusals(&figures.refusals);
 }
 
 /// Prints the table of refusals, most frequent first; nothing when no line was refused.

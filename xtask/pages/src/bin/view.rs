@@ -24,7 +24,7 @@ use simulation::{
     machine::SwitchPositions,
     output::{self, Output},
     play::{self, Run},
-    program::{Program, encoding_warning},
+    program::Program,
     settings, summary,
 };
 use tempfile::TempDir;
@@ -69,10 +69,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     if figures.lines == 0 {
         ui::warning(&format!("{name} is empty"));
     }
-    if let Some(line) = figures.foreign_line {
-        ui::warning(&encoding_warning(line));
-    }
-    summary::print_refusals(&figures.refusals);
+    summary::print_faults(&figures);
     let is_clean = figures.is_clean();
     text::row("motion time", &duration(figures.whole_time_s()));
     if let Some(parts) = figures.times.text() {

@@ -33,7 +33,7 @@ use simulation::{
     lock::Lock,
     output,
     play::{self, Run},
-    program::{Program, encoding_warning},
+    program::Program,
     session, settings, summary,
 };
 
@@ -118,9 +118,6 @@ fn play(
     }
     if !options.switches && figures.misses_switches() {
         ui::warning("the machine has no switches and no probe: --switches mounts them");
-    }
-    if let Some(line) = figures.foreign_line {
-        ui::warning(&encoding_warning(line));
     }
     summary::print(&figures);
     let sides = Sides::of(&options.second, &simulator);
