@@ -7,8 +7,8 @@
 //! ```text
 //!            !            at rest            0x84
 //!   Run ---------> Hold:1 -------> Hold:0 ---------> Door:1 <--> Door:0 ---> Door:3
-//!    ^ \                             | ~     at rest  ^      pin         ~      |
-//!    |  `-- 0x84 --> Door:2 ---------|----------------'                         | restored
+//!    ^ \                             | ~     at rest  ^      pin   ^     ~      |
+//!    |  `-- 0x84 --> Door:2 ---------|----------------'            '---- ! -----+ restored
 //!    '------------------ Idle <------+------------------------------------------'
 //! ```
 //!
@@ -258,6 +258,8 @@ impl Control {
             State::Idle | State::Tool => to(State::HoldComplete),
             // A jog is not resumed.
             State::Jog => self.cancel(Ending::Drop),
+            // Nothing comes on again before another cycle start.
+            State::DoorRestoring => (Self::new(State::DoorAjar), Effect::Suspend),
             State::HoldSlowing
             | State::HoldComplete
             | State::Home
@@ -265,7 +267,6 @@ impl Control {
             | State::DoorClosed
             | State::DoorAjar
             | State::DoorRetracting
-            | State::DoorRestoring
             | State::Sleep
             | State::Alarm => (self, Effect::None),
         }
@@ -380,6 +381,7 @@ mod tests {
         (Is::Run, On::FeedHold, Is::HoldSlowing, Do::None),
         (Is::Idle, On::FeedHold, Is::HoldComplete, Do::None),
         (Is::Jog, On::FeedHold, Is::Jog, Do::MotionCancel),
+        (Is::DoorRestoring, On::FeedHold, Is::DoorAjar, Do::Suspend),
         (Is::HoldComplete, On::CycleStart, Is::Idle, Do::Resume),
         (Is::DoorClosed, On::CycleStart, Is::DoorRestoring, Do::Restore),
         (Is::Run, On::SafetyDoor, Is::DoorRetracting, Do::None),

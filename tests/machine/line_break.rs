@@ -1,7 +1,7 @@
 //! A break on the serial line: it holds a motion, once, and nothing else.
 
 use leadscrew::{
-    model::{Levels, State},
+    model::{Levels, Spindle, State},
     units::TICKS_PER_SECOND,
 };
 
@@ -153,29 +153,30 @@ fn a_break_ends_a_jog_and_holds_a_dwell() {
 }
 
 #[test]
-fn a_break_while_the_spindle_is_restored_after_the_door_holds_the_motion_that_follows() {
+fn a_break_while_the_spindle_is_restored_after_the_door_stops_it_again() {
     let mut machine = machine_at("M3S1000G1X10F600\n");
     open_and_close_door(&mut machine);
+    assert_eq!(machine.outputs().spindle, Spindle::Clockwise);
     make_break(&mut machine, 300);
-    assert_eq!(machine.state(), State::DoorRestoring);
     machine.run(10_000);
-    assert_eq!(machine.state(), State::HoldComplete);
+    assert_eq!(machine.state(), State::DoorClosed);
+    assert_eq!(machine.outputs().spindle, Spindle::Off);
     assert!(machine.lines().contains(&MESSAGE.to_owned()));
-    machine.send_for("~", 5000);
+    machine.send_for("~", 9000);
     assert_eq!((machine.state(), x(&machine)), (State::Idle, 2500));
 }
 
 #[test]
-fn a_break_while_the_door_is_dropped_holds_the_lines_that_wait_after_a_pause() {
+fn a_break_after_the_door_in_a_pause_holds_the_lines_that_wait_after_it() {
     let mut machine = machine_at("M3S1000\nG1X1F6000\nM0\nG1X2\nG1X3\n");
     machine.run(5000);
     assert_eq!(machine.state(), State::HoldComplete);
     open_and_close_door(&mut machine);
     make_break(&mut machine, 300);
     machine.run(60_000);
-    assert_eq!((machine.state(), x(&machine)), (State::HoldComplete, 250));
+    assert_eq!((machine.state(), x(&machine)), (State::DoorClosed, 250));
     assert!(machine.lines().contains(&MESSAGE.to_owned()));
-    machine.send_for("~", 5000);
+    machine.send_for("~", 9000);
     assert_eq!((machine.state(), x(&machine)), (State::Idle, 750));
 }
 
@@ -262,7 +263,7 @@ fn a_line_that_has_waited_for_the_operator_is_held_after_the_door() {
     open_and_close_door(&mut machine);
     make_break(&mut machine, 300);
     machine.run(60_000);
-    assert_eq!((machine.state(), x(&machine)), (State::HoldComplete, 250));
+    assert_eq!((machine.state(), x(&machine)), (State::DoorClosed, 250));
     assert_eq!(machine.outputs().duty, 0);
 }
 
@@ -278,12 +279,14 @@ fn a_jog_after_homing_in_a_change_of_the_tool_is_held() {
 
 #[test]
 fn a_reset_ends_a_break_that_has_held_nothing_yet() {
-    let mut machine = machine_at("M3S1000\nG1X1F500\nM0\nG1X20\n");
-    machine.run(5000);
-    open_and_close_door(&mut machine);
+    let mut machine = machine_at("");
+    machine.mount_limits([500; 3]);
+    machine.send_for("$H\n", 100);
     make_break(&mut machine, 300);
+    assert_eq!(machine.state(), State::Home);
     machine.send_for([0x18], 1000);
-    machine.send_for("G1X2F500\n", 5000);
+    machine.send_for("$X\n", 100);
+    machine.send_for("G53G1X2F500\n", 5000);
     assert_eq!((machine.state(), x(&machine)), (State::Idle, 500));
     assert!(!machine.lines().contains(&MESSAGE.to_owned()));
 }

@@ -76,6 +76,47 @@ fn a_door_opened_while_restoring_begins_anew() {
 }
 
 #[test]
+fn a_hold_while_restoring_switches_off_again_until_cycle_start() {
+    // With the spindle on and the coolant still off, and with both.
+    for (ms, are_flooded) in [(2000, false), (4500, true)] {
+        let mut rig = Rig::new(&fast());
+        send(&mut rig, Work::Spindle(Spindle::Clockwise, 1000.0));
+        let flood = Coolant {
+            flood: true,
+            mist: false,
+        };
+        send(&mut rig, Work::Coolant(flood));
+        go(&mut rig, &line(&[30.0], 1000.0));
+        rig.run_to(300 * MS);
+        rig.receive(DOOR);
+        rig.run_to(700 * MS);
+        rig.receive(b'~');
+        rig.run_to((700 + ms) * MS);
+        assert_eq!(state(&rig), State::DoorRestoring);
+        assert_eq!(rig.drive.outputs().coolant.flood, are_flooded);
+        let x = rig.snapshot().steps[0];
+        rig.receive(b'!');
+        assert_eq!(state(&rig), State::DoorClosed);
+        assert_eq!(*rig.drive.outputs(), Outputs::default());
+        rig.run_to(20_000 * MS);
+        assert_eq!(
+            (state(&rig), rig.snapshot().steps[0]),
+            (State::DoorClosed, x)
+        );
+        rig.receive(b'~');
+        assert_eq!(rig.drive.outputs().spindle, Spindle::Clockwise);
+        rig.run_to(24_999 * MS);
+        assert_eq!(state(&rig), State::DoorRestoring);
+        rig.run_to(25_001 * MS);
+        assert_eq!(state(&rig), State::Run);
+        assert_eq!(rig.snapshot().coolant, flood);
+        rig.run_to_standstill();
+        assert_eq!(rig.snapshot().steps[0], 2400);
+        assert_eq!(notices(&rig), [Notice::CheckDoor]);
+    }
+}
+
+#[test]
 fn a_door_that_stays_open_lets_nothing_start() {
     let mut rig = moving(&fast(), &line(&[30.0], 1000.0));
     rig.run_to(200 * MS);

@@ -90,19 +90,25 @@ fn parking_far_at_a_fine_resolution_keeps_the_limits() {
 }
 
 #[test]
-fn a_door_opened_while_returning_parks_again() {
+fn a_door_opened_or_a_hold_while_returning_parks_again() {
     // Fast on the way to the waypoint, waiting there, and slow into the work.
-    for ms in [500, 3000, 7000] {
+    for (ms, stop) in [500, 3000, 7000]
+        .into_iter()
+        .flat_map(|ms| [(ms, DOOR), (ms, b'!')])
+    {
         let mut rig = above_work();
         rig.receive(DOOR);
         wait_for(&mut rig, State::DoorClosed);
         rig.receive(b'~');
         rig.run_to(rig.now + ms * MS);
         assert_eq!(state(&rig), State::DoorRestoring);
-        rig.receive(DOOR);
+        rig.receive(stop);
+        assert_eq!(state(&rig), State::DoorRetracting);
         wait_for(&mut rig, State::DoorClosed);
         assert_eq!(z(&rig), -400);
         assert_eq!(rig.snapshot().spindle, Spindle::Off);
+        rig.run_to(rig.now + 20_000 * MS);
+        assert_eq!((state(&rig), z(&rig)), (State::DoorClosed, -400));
         rig.receive(b'~');
         wait_for(&mut rig, State::Run);
         rig.run_to_standstill();

@@ -97,8 +97,8 @@ impl Session {
     }
 
     /// After a break on the line, ends a jog, holds what runs or waits, as `!` does, and lets a pause that would end by
-    /// itself wait for the operator. What cannot be held ends first: a homing cycle, the way back behind a door, a jog
-    /// or a motion that is being stopped, and an alarm as long as lines wait in it.
+    /// itself wait for the operator. What cannot be held ends first: a homing cycle, a jog or a motion that is being
+    /// stopped, and an alarm as long as lines wait in it.
     ///
     /// At Idle `!` holds, too, but a break with nothing to hold does not: adapters make one when a port is opened or a
     /// board is plugged in, and a machine that nobody has moved must not want a `~` first. Nor does it end a wait for
@@ -110,7 +110,7 @@ impl Session {
         let is_jog_ended = self.machine_sync.line_break == LineBreak::JogEnded;
         let waits = links.received.may_have_line() || self.is_line_going_on();
         let has_its_end_first = match machine.state {
-            State::Home | State::DoorRestoring => true,
+            State::Home => true,
             State::Jog => is_jog_ended,
             // What waits may unlock the machine, and then move it.
             State::Alarm => waits,
@@ -124,6 +124,7 @@ impl Session {
         let holds = match machine.state {
             State::Idle | State::Run => has_work || waits,
             State::Jog | State::Tool => has_work,
+            State::DoorRestoring => true,
             _ => false,
         };
         if holds {
