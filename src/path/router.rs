@@ -109,12 +109,17 @@ impl Router {
         self.is_exact_stop = is_exact_stop;
     }
 
-    /// Applies new settings at a standstill at `steps` and returns the position under them.
-    pub fn configure(&mut self, settings: &Settings, steps: Axes<i32>) -> Axes<Nm> {
+    /// Applies new settings at a standstill, of which the steps are to be set.
+    pub fn configure(&mut self, settings: &Settings) {
         self.settings = *settings;
         self.limits = Limits::new(settings);
         self.laser = Laser::None;
-        self.set_steps(steps)
+    }
+
+    /// Returns the settings in effect.
+    #[must_use]
+    pub const fn settings(&self) -> &Settings {
+        &self.settings
     }
 
     /// Continues from a standstill at `steps` and returns the position.
@@ -130,6 +135,12 @@ impl Router {
     #[must_use]
     pub fn position(&self) -> Axes<Nm> {
         self.at.position
+    }
+
+    /// Returns the end of the last block, in steps: `prepare` goes on from there, to the last binary place.
+    #[must_use]
+    pub const fn block_end_steps(&self) -> &Axes<FineSteps> {
+        &self.at.fine
     }
 
     /// Returns the distance of the end of the last block from a place in a straight line over the linear

@@ -48,7 +48,7 @@ use crate::{
     model::{Awaited, Probed, Requests, ResetCause, SelfTestFault, queues::ENTRY_RING},
     path::{Blender, Compensator, Entry, Router, TiltedArc},
     settings::{Change, Changes, Settings, StoreError, Stored, ToolTable},
-    units::Nm,
+    units::{FineSteps, Nm},
 };
 use host::Host;
 use machine_sync::{LineBreak, MachineSync};
@@ -314,6 +314,14 @@ impl Session {
     #[must_use]
     pub fn interpreter(&self) -> &Interpreter {
         &self.interpreter
+    }
+
+    /// Returns the end of the path that has been sent, in steps: at standstill [`Motion::position`] is there.
+    ///
+    /// [`Motion::position`]: crate::motion::Motion::position
+    #[must_use]
+    pub const fn path_end(&self) -> &Axes<FineSteps> {
+        self.router.block_end_steps()
     }
 
     /// Returns the settings in effect.

@@ -24,7 +24,7 @@ use crate::{
     settings::Settings,
     stepper::{EventRing, PhaseSteps, SegmentRing},
     tasks::{self, InputTrigger, Platform, Task, Unlocked},
-    units::TICKS_PER_MS,
+    units::{FineSteps, TICKS_PER_MS},
 };
 
 /// A change of the step and direction pins at one instant.
@@ -200,6 +200,12 @@ impl Drive {
     #[must_use]
     pub fn physical_position(&self) -> Axes<i32> {
         self.contacts.position()
+    }
+
+    /// Returns the exact position at the end of all segments that were made.
+    #[must_use]
+    pub const fn exact_position(&self) -> &Axes<FineSteps> {
+        self.motion.position()
     }
 
     /// Returns the coils that are energised if motors are driven by phases, bit 0 = IN1, for each axis: none while

@@ -13,7 +13,7 @@ use crate::{
     settings::{Change, Erasing, Journal, Loaded, Settings, StepRate, Stored, ToolTable},
     stepper::SegmentRing,
     tasks::{self, SessionIo},
-    units::TICKS_PER_MS,
+    units::{FineSteps, TICKS_PER_MS},
 };
 
 /// The machine behind its serial line, on a virtual clock of timer ticks.
@@ -298,6 +298,12 @@ impl Simulator {
     #[must_use]
     pub fn physical_position(&self) -> Axes<i32> {
         self.drive.physical_position()
+    }
+
+    /// Returns the exact position at the end of all motion, of which the steps are the nearest whole ones.
+    #[must_use]
+    pub const fn exact_position(&self) -> &Axes<FineSteps> {
+        self.drive.exact_position()
     }
 
     /// Returns the outputs beside the axes, with the duty that is output.

@@ -10,6 +10,7 @@ mod laws;
 mod machine;
 mod operator_messages;
 mod position_stream;
+mod positions;
 mod program;
 #[path = "../support/random_lines.rs"]
 mod random_lines;

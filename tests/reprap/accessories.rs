@@ -49,6 +49,30 @@ fn a_fan_switches_between_two_moves() {
 }
 
 #[test]
+fn a_limit_lowered_after_a_change_of_settings_changes_nothing_else() {
+    // Each move is a step and a half.
+    let mut machine = reprap();
+    machine.ask("$100=40");
+    machine.ask("G91");
+    for _ in 0..40 {
+        machine.ask("G1 X0.0374 F600");
+        machine.ask("M204 S200");
+    }
+    assert_eq!(xy(&machine), [60, 0]);
+
+    let mut machine = reprap();
+    machine.ask("$32=1");
+    machine.ask("M3 S500");
+    machine.ask("M204 S200");
+    assert_eq!(
+        machine.session().interpreter().modal().spindle,
+        Spindle::Clockwise
+    );
+    machine.ask("G1 X5 F600");
+    assert_ne!(machine.outputs().duty, 0);
+}
+
+#[test]
 fn limits_are_lowered_until_a_reset() {
     let mut machine = reprap();
     assert_begins(&mut machine, "M203", "echo:M203 X100.000 Y100.000 Z100.000");

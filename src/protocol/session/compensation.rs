@@ -93,6 +93,20 @@ impl Session {
         self.accept()
     }
 
+    /// Returns where the next move begins: after `G40` where the cutter is.
+    pub(super) fn start_of_move(&self) -> Axes<Nm> {
+        if self.is_only_beside_path() {
+            self.compensator.end()
+        } else {
+            self.interpreter.position()
+        }
+    }
+
+    /// Whether the cutter is still beside the path, with compensation off.
+    const fn is_only_beside_path(&self) -> bool {
+        self.interpreter.is_beside_path() && !self.interpreter.is_compensating()
+    }
+
     /// Checks a jog. After `G40` it begins where the cutter is, unless it is refused.
     ///
     /// # Errors
@@ -103,6 +117,7 @@ impl Session {
         let settings = &self.persistence.stored.settings;
         let line = self.line.input.text().unwrap_or_default();
         let line = line.get(3..).unwrap_or_default();
+        let is_beside_path = self.is_only_beside_path();
         let interpreter = &mut self.interpreter;
         let shortened = if settings.shortens_jogs {
             interpreter.homed_axes()
@@ -115,7 +130,7 @@ impl Session {
         let is_beyond = |target: &Axes<Nm>| {
             settings.soft_limits && (0..AXES).any(|axis| is_axis_beyond(axis, target))
         };
-        let checked = if interpreter.is_beside_path() && !interpreter.is_compensating() {
+        let checked = if is_beside_path {
             let cutter = self.compensator.end();
             interpreter.check_jog_beside_path(line, settings, cutter, is_beyond)
         } else {

@@ -2,10 +2,12 @@
 
 use heapless::spsc::Producer;
 
-use super::{Links, Session, Source};
+use super::{AfterCommands, LineStage, Links, Session, Source};
 use crate::{
+    axis::Axes,
     machine::Snapshot,
     path::{Entry, Work},
+    units::Nm,
 };
 
 /// A break on the line that has not had its whole effect yet.
@@ -18,6 +20,17 @@ pub(super) enum LineBreak {
     Pending,
     /// It has ended a jog; what waits behind that is still to be held.
     JogEnded,
+}
+
+/// The programmed position where the path goes on from the machine's whole steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Programmed {
+    /// That of the machine.
+    Machine,
+    /// Another one: that where a move would have begun which has not.
+    At(Axes<Nm>),
+    /// The one it is, less than a step away, or the target of a probing move that has missed.
+    Stays,
 }
 
 /// How far the session and the machine are in step: the interpreter runs ahead of the motion.
@@ -99,7 +112,9 @@ impl Session {
         // A cancelled jog has not come to its end, and one that still waits for room is dropped.
         if self.machine_sync.is_cancelled(machine) {
             self.machine_sync.cancelled_motions = machine.cancelled_motions;
-            self.machine_sync.is_position_known = false;
+            // The alarm of a probing move is followed by what the line does at its end.
+            self.machine_sync.is_position_known &=
+                self.stage == LineStage::Completing(AfterCommands::Probe);
             if self.line.source == Source::Jog {
                 self.line.outcome.commands.clear();
             }
@@ -111,8 +126,18 @@ impl Session {
 
     /// Makes the position of the machine the programmed one.
     pub(super) fn adopt_position(&mut self, machine: &Snapshot) {
-        let position = self.router.set_steps(machine.steps);
-        self.interpreter.set_position(position);
+        self.continue_from(machine, Programmed::Machine);
         self.machine_sync.is_position_known = true;
+    }
+
+    /// Has the path go on from the whole steps of a machine at standstill, where `prepare` goes on that has dropped
+    /// what was left, or takes over settings. Nothing else does where a path begins that is not the end of another.
+    pub(super) fn continue_from(&mut self, machine: &Snapshot, programmed: Programmed) {
+        let position = self.router.set_steps(machine.steps);
+        match programmed {
+            Programmed::Machine => self.interpreter.set_position(position),
+            Programmed::At(position) => self.interpreter.set_position(position),
+            Programmed::Stays => {}
+        }
     }
 }

@@ -10,7 +10,10 @@
 
 use core::num::NonZeroU8;
 
-use super::{AfterCommands, LineStage, Links, Progress, Session, Source, dispatch::answer};
+use super::{
+    AfterCommands, LineStage, Links, Progress, Session, Source, dispatch::answer,
+    machine_sync::Programmed,
+};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
@@ -399,15 +402,20 @@ impl Session {
     /// Sends new settings, which the machine adopts at standstill.
     pub(super) fn configure(&mut self, links: &mut Links<'_, '_>) {
         let settings = self.settings_in_effect();
-        // The steps stay the same; with another resolution they are another position.
-        let position = self.router.configure(&settings, links.machine.steps);
-        let previous = &self.persistence.previous.settings;
-        if settings.steps_per_mm != previous.steps_per_mm || settings.core_xy != previous.core_xy {
-            self.interpreter.set_position(position);
-        }
-        if settings.laser != previous.laser {
+        let before = self.router.settings();
+        if settings.laser != before.laser {
             self.interpreter.switch_spindle_off();
         }
+        // The steps stay the same; with another resolution they are another position.
+        let are_elsewhere =
+            settings.steps_per_mm != before.steps_per_mm || settings.core_xy != before.core_xy;
+        let programmed = if are_elsewhere {
+            Programmed::Machine
+        } else {
+            Programmed::Stays
+        };
+        self.router.configure(&settings);
+        self.continue_from(links.machine, programmed);
         self.send_work(Work::Configure(settings), links);
     }
 

@@ -367,7 +367,7 @@ impl Session {
 
     /// Puts the line into effect that has been checked.
     pub(super) fn commit(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        let from = self.interpreter.position();
+        let from = self.start_of_move();
         let line = &mut self.line;
         self.interpreter.commit(&line.checked, &mut line.outcome);
         if links.machine.state == State::Alarm {

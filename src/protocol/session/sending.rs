@@ -7,7 +7,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{AfterCommands, LineStage, Links, Progress, Session, Source};
+use super::{AfterCommands, LineStage, Links, Progress, Session, Source, machine_sync::Programmed};
 use crate::{
     machine::Snapshot,
     model::{Alarm, Command, FeedRate, Laser, Levels, PathControl, Probing, Spindle},
@@ -244,13 +244,14 @@ impl Session {
     /// Sets the position after a probing move: the position of the machine; the target, after a miss;
     /// or the start, if the move has not been begun.
     fn end_probing(&mut self, machine: &Snapshot) {
-        // `prepare` goes on from whole steps, also where its alarm has dropped the move.
-        let position = self.router.set_steps(machine.steps);
-        if !self.probing.has_ended {
-            self.interpreter.set_position(self.probing.start);
+        let programmed = if !self.probing.has_ended {
+            Programmed::At(self.probing.start)
         } else if machine.probed.success {
-            self.interpreter.set_position(position);
-        }
+            Programmed::Machine
+        } else {
+            Programmed::Stays
+        };
+        self.continue_from(machine, programmed);
     }
 
     /// Reports that a probing move without a step has missed. The position stays its target.

@@ -856,6 +856,11 @@ impl Bench {
             "second motors, ahead of the first"
         );
         let session = self.simulator.session();
+        assert_eq!(
+            session.path_end(),
+            self.simulator.exact_position(),
+            "the path begins elsewhere than the last motion has ended"
+        );
         let interpreter = session.interpreter();
         let is_compensated = interpreter.modal().compensation != CompensationMode::Off;
         // After G40 the tool stays beside the programmed position up to the next move.
