@@ -95,6 +95,8 @@ pub struct Motion<const ROOM: usize = BLOCKS> {
     average: MovingAverage,
     /// `$21`.
     hard_limits: bool,
+    /// `$777`.
+    probing_alarm_switches_off: bool,
     /// `$794`.
     #[cfg(arc_machine)]
     runs_stored_program: bool,
@@ -200,6 +202,7 @@ impl<const ROOM: usize> Motion<ROOM> {
             parking: Parking::new(),
             average: MovingAverage::new(),
             hard_limits: false,
+            probing_alarm_switches_off: false,
             #[cfg(arc_machine)]
             runs_stored_program: false,
             plan: LookAhead::with_room(),
@@ -261,6 +264,7 @@ impl Motion {
         self.parking.configure(settings);
         self.delays.configure(settings);
         self.hard_limits = settings.hard_limits;
+        self.probing_alarm_switches_off = settings.probing_alarm_switches_off;
         #[cfg(arc_machine)]
         {
             self.runs_stored_program = settings.runs_stored_program;

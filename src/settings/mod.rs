@@ -108,6 +108,8 @@ settings! {
     tool_change: u8 = 0,
     /// `$789` Whether `M6` goes to the position of `G30` before it waits.
     tool_change_travel: bool = false,
+    /// `$777` Whether an alarm of a probing move switches spindle and coolant off.
+    probing_alarm_switches_off: bool = false,
     /// `$780` Dialect of the sender: 0 Grbl, 1 RepRap, 2 Grbl with checked lines.
     dialect: u8 = 0,
     /// `$781` Axis that `E` drives, 4 for A and so on; 0 for none.

@@ -136,6 +136,7 @@ pub(super) static TABLE: &[Row] = &[
     row(394, Spindle, Extension, "spindle delay before the machine moves when the spindle has been switched on", "s", seconds(|s| &mut s.spindle_delay_s)).checked(rules::delay_is_long_enough),
     row(775, Spindle, Extension, "the spindle hangs on a relay: it turns without S, too", "", Flag(|s| &mut s.spindle_relay)),
     row(776, Spindle, Extension, "motion stops before the spindle changes its speed", "", Flag(|s| &mut s.stops_for_speed)),
+    row(777, Spindle, Extension, "ALARM:4 and ALARM:5, of a probing move, switch spindle and coolant off", "", Flag(|s| &mut s.probing_alarm_switches_off)),
     row(780, Host, Extension, "dialect: 0 Grbl, 1 RepRap, 2 Grbl with checked lines", "", byte(|s| &mut s.dialect)).checked(rules::dialect_is_known),
     row(781, Host, Extension, "RepRap: axis that E drives, 4 for A and so on, 0 counts only", "", byte(|s| &mut s.extruder_axis)).checked(rules::extruder_is_an_axis),
     row(782, Host, Extension, "RepRap: time between two messages that a line is not done yet, 0 for none", "s", byte(|s| &mut s.busy_interval_s)).checked(rules::busy_interval_is_short),

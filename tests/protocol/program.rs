@@ -11,6 +11,7 @@ use super::{
     bench::{Bench, UNLOCK, WELCOME},
     machine::{execute, limited},
 };
+use crate::support::Machine;
 
 #[test]
 fn a_probing_move_is_answered_with_its_contact() {
@@ -240,6 +241,38 @@ fn another_laser_mode_switches_the_spindle_off() {
         );
         let modes = execute(&mut machine, "$G").join(" ");
         assert_eq!(!modes.contains(" M5 "), stays, "{before} {change}: {modes}");
+    }
+}
+
+#[test]
+fn an_alarm_of_a_probing_move_leaves_on_what_is_on_unless_777_is_set() {
+    for (setting, stays, modes) in [("$777=0", true, " M3 M8 "), ("$777=1", false, " M5 M9 ")] {
+        // The probe is in the wrong state, also of a move without a step; it makes no contact, nor in such a move.
+        for line in [
+            "G38.4Z-1F500",
+            "G38.4Z-.0003F500",
+            "G38.2Z-1F500",
+            "G38.2Z-.0003F500",
+        ] {
+            let mut machine = Machine::new(&[]);
+            machine.ask(setting);
+            machine.ask("M3S800M8");
+            let alarm = machine.ask(line).remove(0);
+            assert!(matches!(&*alarm, "ALARM:4" | "ALARM:5"), "{line}: {alarm}");
+            let are_on = |machine: &Machine| {
+                let outputs = machine.outputs();
+                let is_on = outputs.spindle == Spindle::Clockwise;
+                assert_eq!((outputs.duty != 0, outputs.coolant.flood), (is_on, is_on));
+                is_on
+            };
+            assert_eq!(are_on(&machine), stays, "{setting} {line}");
+            machine.ask("$X");
+            assert_eq!(are_on(&machine), stays, "{setting} {line}");
+            let reported = machine.ask("$G").join(" ");
+            assert!(reported.contains(modes), "{setting} {line}: {reported}");
+            machine.ask("M3S800M8");
+            assert!(are_on(&machine), "{setting} {line}");
+        }
     }
 }
 

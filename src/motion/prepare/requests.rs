@@ -216,7 +216,11 @@ impl Motion {
         self.cancel_pause();
         self.delays.disables_drivers = true;
         match alarm {
-            Alarm::ProbeState | Alarm::ProbeContact => {}
+            Alarm::ProbeState | Alarm::ProbeContact => {
+                if self.probing_alarm_switches_off {
+                    self.accessories.switch_off();
+                }
+            }
             Alarm::HardLimit | Alarm::SoftLimit | Alarm::Killed => {
                 self.accessories.switch_off();
                 self.faults.is_critical = true;

@@ -125,6 +125,10 @@ impl Session {
                     self.interpreter.forget_home();
                 }
                 self.host.alarm = Some(alarm);
+                let is_of_probing = matches!(alarm, Alarm::ProbeState | Alarm::ProbeContact);
+                if is_of_probing && self.persistence.stored.settings.probing_alarm_switches_off {
+                    self.interpreter.switch_off();
+                }
                 if self.host.dialect.is_reprap() {
                     replies::stopped(text, alarm);
                     return;
