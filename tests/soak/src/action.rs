@@ -28,6 +28,8 @@ pub(crate) enum Action {
     Open(Contact),
     /// Time passes, ms.
     Pass(u32),
+    /// The door opens and is closed again, cycle start and a hold are pressed, each after so many ms.
+    HoldBehindDoor(u32),
     /// The power fails.
     PowerFails,
     /// The power fails in the middle of what a line writes to the flash, after some words.
@@ -79,6 +81,12 @@ fn storing_line() -> impl Strategy<Value = String> {
                 "$11=0.05",
                 "$12=0.002",
                 "$5=0",
+                "$777=1",
+                "$777=0",
+                "$32=1",
+                "$32=0",
+                "$30=500",
+                "$30=1000",
             ][..]
         )
         .prop_map(str::to_owned),
@@ -204,6 +212,7 @@ fn action() -> impl Strategy<Value = Action> {
         3 => contact().prop_map(Action::Close),
         6 => contact().prop_map(Action::Open),
         12 => prop_oneof![0_u32..20, 0_u32..3000].prop_map(Action::Pass),
+        2 => (20_u32..2500).prop_map(Action::HoldBehindDoor),
         1 => Just(Action::PowerFails),
         2 => (storing_line(), 0_u64..120, any::<u64>())
             .prop_map(|(text, words, seed)| Action::PowerFailsInWrite { text, words, seed }),

@@ -34,7 +34,9 @@ const MILLISECOND: u64 = TICKS_PER_MS as u64;
 const BYTE_TICKS: u64 = SECOND * 10 / 115_200;
 /// The byte with which an operator begins lines of his own in a change of the tool.
 const OPERATOR_LINES: u8 = 0xa3;
-/// Alarms that leave spindle and coolant on, as in Grbl.
+/// The byte that opens the safety door.
+const DOOR: u8 = 0x84;
+/// Alarms that leave spindle and coolant on, as in Grbl, unless `$777` is set.
 const PROBE_ALARMS: [&str; 2] = ["ALARM:4", "ALARM:5"];
 /// The alarm of a move out of the travel.
 const SOFT_LIMIT: &str = "ALARM:2";
@@ -90,6 +92,10 @@ pub(crate) enum Fault {
     SecondStepLost,
     /// Every line is taken for a jog.
     AllAreJogs,
+    /// A hold that does not arrive where the spindle starts again behind the door.
+    HoldBehindDoorLost,
+    /// Motion that ends a little beside the path.
+    PathLeft,
 }
 
 /// What is on its way to the machine.
@@ -153,8 +159,11 @@ pub(crate) struct Bench {
     has_operator_lines: bool,
     /// The contact of the probe is closed.
     is_probe_closed: bool,
-    /// The last alarm since the welcome leaves on what was on.
+    /// The last alarm since the welcome is that of a probing move, and whether such an alarm leaves on what is on.
     is_alarm_of_probe: bool,
+    leaves_on: bool,
+    /// Since when a hold keeps spindle and coolant off behind the door.
+    held_behind_door_since: Option<u64>,
     /// What may be stored, from the last instant at which all was, to now.
     may_be_stored: Vec<(Stored, ToolTable)>,
     /// Changes have waited since that instant: they may have been stored in another order.
@@ -204,6 +213,8 @@ impl Bench {
             has_operator_lines: false,
             is_probe_closed: false,
             is_alarm_of_probe: false,
+            leaves_on: true,
+            held_behind_door_since: None,
             may_be_stored: Vec::new(),
             has_postponed: false,
             writing: None,
@@ -255,6 +266,12 @@ impl Bench {
             Action::Close(contact) => self.hold(self.closed | contact.input()),
             Action::Open(contact) => self.hold(self.closed & !contact.input()),
             Action::Pass(ms) => self.run(u64::from(*ms) * MILLISECOND),
+            Action::HoldBehindDoor(ms) => {
+                for byte in [DOOR, b'~', b'!'] {
+                    self.urgent.push_back(byte);
+                    self.run(u64::from(*ms) * MILLISECOND);
+                }
+            }
             Action::PowerFails => self.fail_power(),
             Action::PowerFailsInWrite { text, words, seed } => {
                 let is_at_rest = self.reaches_standstill(TIMEOUT_TICKS);
@@ -455,7 +472,8 @@ impl Bench {
                 self.welcomes = 0;
                 // A `G28` of a host homes after ALARM:2, and leaves programmed what the alarm has switched off.
                 if !self.setup.is_reprap {
-                    outputs::check_at_rest(&self.simulator, self.outputs(), self.is_alarm_of_probe);
+                    let stays_on = self.is_alarm_of_probe && self.leaves_on;
+                    outputs::check_at_rest(&self.simulator, self.outputs(), stays_on);
                 }
                 return true;
             }
@@ -477,6 +495,9 @@ impl Bench {
         self.simulator.set_pin(self.closed & !contacts, false);
         self.simulator.set_pin(contacts & !self.closed, true);
         self.closed = contacts;
+        if contacts.has(Levels::START) {
+            self.held_behind_door_since = None;
+        }
         self.simulator.settle();
         self.note_reset();
         self.note_probe();
@@ -501,6 +522,24 @@ impl Bench {
     /// What must be off in a state is off, at the end of the segment being played at the latest.
     fn check_state(&mut self) {
         let now = self.simulator.now();
+        let state = self.state();
+        if state != State::Alarm {
+            self.leaves_on = !self
+                .simulator
+                .session()
+                .settings()
+                .probing_alarm_switches_off;
+        }
+        if let Some(since) = self.held_behind_door_since {
+            let is_held = matches!(
+                state,
+                State::DoorAjar | State::DoorClosed | State::DoorRetracting | State::Alarm
+            );
+            assert!(
+                is_held || now - since <= OFF_TICKS,
+                "a hold behind the door holds nothing: {state:?}"
+            );
+        }
         match outputs::on_in_state(&self.simulator, self.outputs()) {
             Some(rule) => {
                 let since = *self.on_since.get_or_insert(now);
@@ -644,6 +683,13 @@ impl Bench {
                 }
             }
             b'$' => self.is_statement = true,
+            b'!' if !self.setup.is_reprap && self.state() == State::DoorRestoring => {
+                self.held_behind_door_since = Some(now);
+                if self.fault == Some(Fault::HoldBehindDoorLost) {
+                    return;
+                }
+            }
+            b'~' => self.held_behind_door_since = None,
             // `G28`, which homes for a host.
             b'8' => self.may_have_homed |= self.setup.is_reprap,
             OPERATOR_LINES => self.has_operator_lines = true,
@@ -669,6 +715,7 @@ impl Bench {
             self.received_lines = 0;
             self.forget_lines();
             self.asked = None;
+            self.held_behind_door_since = None;
         }
     }
 
@@ -856,9 +903,11 @@ impl Bench {
             "second motors, ahead of the first"
         );
         let session = self.simulator.session();
+        let mut end = *self.simulator.exact_position();
+        end[X].0 += i64::from(self.fault == Some(Fault::PathLeft));
         assert_eq!(
-            session.path_end(),
-            self.simulator.exact_position(),
+            *session.path_end(),
+            end,
             "the path begins elsewhere than the last motion has ended"
         );
         let interpreter = session.interpreter();

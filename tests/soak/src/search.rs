@@ -209,6 +209,8 @@ mod tests {
             (Fault::AnswerGarbled, "an unknown line", 2),
             (Fault::SecondStepLost, "second motors", 2),
             (Fault::AllAreJogs, "a jog is an alarm", 2),
+            (Fault::HoldBehindDoorLost, "a hold behind the door", 3),
+            (Fault::PathLeft, "the path begins elsewhere", 1),
         ] {
             let broken = search(SEED, Until::Histories(300), STEP_RATE, Some(fault), |_| {});
             let broken = broken.expect_err(&format!("{fault:?} is not found"));

@@ -56,6 +56,8 @@ pub(crate) struct Options {
     pub(crate) stream: bool,
     /// Lines with a checksum are checked: `$780`.
     pub(crate) checked_lines: bool,
+    /// An alarm of a probing move switches spindle and coolant off: `$777`.
+    pub(crate) probing_switches_off: bool,
 }
 
 /// What a machine has.
@@ -71,17 +73,27 @@ pub(crate) enum Kind {
 
 fn options() -> impl Strategy<Value = Options> {
     let rare = || prop::bool::weighted(0.25);
-    let delays = (rare(), rare());
-    (rare(), rare(), delays, rare(), rare(), rare(), rare()).prop_map(
-        |(jerk, parking, delays, tool_travel, whole_arcs, stream, checked_lines)| Options {
+    prop::array::uniform9(rare()).prop_map(
+        |[
             jerk,
             parking,
-            enable_delay: delays.0,
-            spindle_delay: delays.1,
+            enable_delay,
+            spindle_delay,
             tool_travel,
             whole_arcs,
             stream,
             checked_lines,
+            probing_switches_off,
+        ]| Options {
+            jerk,
+            parking,
+            enable_delay,
+            spindle_delay,
+            tool_travel,
+            whole_arcs,
+            stream,
+            checked_lines,
+            probing_switches_off,
         },
     )
 }
@@ -144,6 +156,7 @@ impl Setup {
                 whole_arcs: false,
                 stream: false,
                 checked_lines: false,
+                probing_switches_off: false,
             },
         }
     }
@@ -292,6 +305,7 @@ impl Options {
             (self.whole_arcs, &["790=1"]),
             (self.stream, &["792=40", "793=1"]),
             (self.checked_lines, &["780=2"]),
+            (self.probing_switches_off, &["777=1"]),
         ]
     }
 }

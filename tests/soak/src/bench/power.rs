@@ -36,7 +36,7 @@ impl Bench {
         self.motion = MotionRules::new(&self.simulator, self.setup);
         self.reports = ReportRules::default();
         (self.is_statement, self.is_alarm_of_probe) = (false, false);
-        self.on_since = None;
+        (self.on_since, self.held_behind_door_since) = (None, None);
         (self.line, self.urgent) = (VecDeque::new(), VecDeque::new());
         (self.next_in, self.next_out) = (0, 0);
         self.received.clear();
