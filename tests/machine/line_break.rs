@@ -138,6 +138,23 @@ fn a_break_at_idle_and_while_homing_does_nothing_as_nothing_else_does() {
 }
 
 #[test]
+fn what_was_begun_before_a_break_is_not_the_beginning_of_the_line_after_it() {
+    let mut machine = machine_at("G1X1F6000\n");
+    machine.run(5000);
+    for begun in ["G1X5", "$J=G91F6000X5", "$100=8"] {
+        machine.send(begun);
+        make_break(&mut machine, 50);
+        assert_eq!(machine.ask("0F3000"), ["error:210"], "{begun}");
+        assert_eq!(machine.ask("G4P0.01"), ["ok"], "{begun}");
+        assert_eq!(
+            (machine.state(), x(&machine)),
+            (State::Idle, 250),
+            "{begun}"
+        );
+    }
+}
+
+#[test]
 fn a_break_ends_a_jog_and_holds_a_dwell() {
     let mut machine = machine_at("$J=G91X100F600\n");
     assert_eq!(machine.state(), State::Jog);

@@ -26,7 +26,10 @@ const BYTE_TICKS: u64 = TICKS_PER_SECOND as u64 * 10 / BAUD as u64;
 /// A machine on a virtual clock, and the bytes on their way to it and from it.
 pub struct Machine {
     simulator: Box<Simulator>,
-    to_machine: VecDeque<u8>,
+    /// `None` is a byte of which the machine sees that it is lost.
+    to_machine: VecDeque<Option<u8>>,
+    /// The sender has begun a line, and not ended it.
+    is_line_begun: bool,
     from_machine: Vec<(f64, u8)>,
     next_in: u64,
     next_out: u64,
@@ -40,6 +43,7 @@ impl Machine {
         let mut machine = Self {
             simulator: Box::new(simulator),
             to_machine: VecDeque::new(),
+            is_line_begun: false,
             from_machine: Vec::new(),
             next_in: 0,
             next_out: 0,
@@ -112,7 +116,25 @@ impl Machine {
         if self.to_machine.is_empty() {
             self.next_in = self.next_in.max(self.simulator.now() + BYTE_TICKS);
         }
-        self.to_machine.extend(bytes);
+        for byte in bytes {
+            match byte {
+                // A reset drops it.
+                b'\n' | b'\r' | 0x18 => self.is_line_begun = false,
+                b'?' | b'!' | b'~' | 0x80.. => {}
+                _ => self.is_line_begun = true,
+            }
+        }
+        self.to_machine.extend(bytes.iter().copied().map(Some));
+    }
+
+    /// The sender is gone: a line that it has begun is not the beginning of the next one's first line. It ends here, and
+    /// is refused.
+    pub fn end_begun_line(&mut self) {
+        if self.is_line_begun {
+            self.send(b"\n");
+            let before_end = self.to_machine.len() - 1;
+            self.to_machine.insert(before_end, None);
+        }
     }
 
     /// Bytes that have not arrived yet.
@@ -165,7 +187,10 @@ impl Machine {
                 && let Some(byte) = self.to_machine.pop_front()
             {
                 self.next_in = now + BYTE_TICKS;
-                self.simulator.receive(byte);
+                match byte {
+                    Some(byte) => self.simulator.receive(byte),
+                    None => self.simulator.receive_damaged(),
+                }
                 self.simulator.settle();
             }
             if now >= end {

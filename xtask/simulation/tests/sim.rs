@@ -317,6 +317,60 @@ fn a_second_sender_is_refused_with_who_is_connected() {
     server.stop();
 }
 
+/// Where X is, mm, as a report tells.
+#[cfg(target_os = "linux")]
+fn x_mm(mut stream: &fs::File) -> String {
+    stream.write_all(b"?").unwrap();
+    let mut lines = BufReader::new(stream).lines();
+    let report = lines.find(|line| line.as_ref().unwrap().starts_with('<'));
+    let report = report.unwrap().unwrap();
+    let (_, place) = report.split_once("MPos:").unwrap();
+    place.split(',').next().unwrap().to_owned()
+}
+
+/// Sends lines, and reads until all are answered. What answers a line that nobody has ended may come before.
+#[cfg(target_os = "linux")]
+fn ask(mut stream: &fs::File, lines: &str) -> Vec<String> {
+    stream.write_all(lines.as_bytes()).unwrap();
+    let all = BufReader::new(stream).lines().map(Result::unwrap);
+    let is_answer = |line: &String| line == "ok" || line.starts_with("error:");
+    let answers = all.filter(|line| is_answer(line) && line != "error:210");
+    answers.take(lines.lines().count()).collect()
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_line_that_a_sender_has_not_ended_is_not_the_beginning_of_the_next_ones() {
+    use std::os::fd::OwnedFd;
+
+    let folder = tempfile::tempdir().unwrap();
+    let (tcp, address) = Server::tcp(folder.path(), &[]);
+    let (pty, _) = Server::start(folder.path(), &["--pty", "tty"]);
+    let link = folder.path().join("tty");
+    let connect: [&dyn Fn() -> fs::File; 2] = [
+        &|| OwnedFd::from(TcpStream::connect(&address).unwrap()).into(),
+        &|| {
+            fs::File::options()
+                .read(true)
+                .write(true)
+                .open(&link)
+                .unwrap()
+        },
+    ];
+    for (mut server, connect) in [tcp, pty].into_iter().zip(connect) {
+        let mut first = connect();
+        assert_eq!(ask(&first, "G1 X1 F500\nG4 P0.01\n"), ["ok"; 2]);
+        first.write_all(b"G1 X5?").unwrap();
+        drop(first);
+        server.expect_line("Left");
+        let second = connect();
+        let answers = ask(&second, "0 F3000\nG4 P0.01\n");
+        assert_eq!(answers, ["error:1", "ok"]);
+        assert_eq!(x_mm(&second), "1.000");
+        server.stop();
+    }
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn a_second_sender_at_a_link_is_refused_with_who_is_connected() {

@@ -43,8 +43,11 @@ pub(crate) trait Port {
     fn door(&self) -> Option<BorrowedFd<'_>> {
         None
     }
-    /// Lets those in who want to connect, or refuses them.
-    fn open_door(&mut self) {}
+    /// Lets those in who want to connect, or refuses them. Returns the bytes that nobody has read yet of a sender that
+    /// has left since the last time.
+    fn open_door(&mut self) -> Option<Vec<u8>> {
+        None
+    }
     /// Forgets who was connected, and is gone.
     fn part(&mut self) {}
 }
@@ -87,11 +90,15 @@ impl<'a, R: Recorder> Server<'a, R> {
                     None | Some(Err(Errno::AGAIN | Errno::INTR)) => break,
                     Some(Ok(0) | Err(_)) => {
                         port.part();
+                        self.machine.end_begun_line();
                         break;
                     }
                 }
             }
-            port.open_door();
+            if let Some(bytes) = port.open_door() {
+                self.machine.send(&bytes);
+                self.machine.end_begun_line();
+            }
             self.run()?;
             if !self.unsent.is_empty() {
                 match port
@@ -100,7 +107,10 @@ impl<'a, R: Recorder> Server<'a, R> {
                 {
                     Some(Ok(length)) => drop(self.unsent.drain(..length)),
                     Some(Err(Errno::AGAIN | Errno::INTR)) => {}
-                    Some(Err(_)) => port.part(),
+                    Some(Err(_)) => {
+                        port.part();
+                        self.machine.end_begun_line();
+                    }
                     None => self.unsent.clear(),
                 }
                 // Nobody reads: what a serial line does with such bytes.

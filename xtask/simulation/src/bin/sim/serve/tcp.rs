@@ -66,7 +66,7 @@ impl Port for Tcp {
     }
 
     /// Takes who wants to connect if nobody is, and tells everybody else who that is.
-    fn open_door(&mut self) {
+    fn open_door(&mut self) -> Option<Vec<u8>> {
         while let Ok((mut stream, from)) = self.listener.accept() {
             if let Some((_, address)) = &self.sender {
                 let process = holder::of_address(*address);
@@ -80,6 +80,7 @@ impl Port for Tcp {
                 self.sender = Some((stream, from));
             }
         }
+        None
     }
 
     fn part(&mut self) {

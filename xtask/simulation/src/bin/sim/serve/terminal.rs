@@ -54,13 +54,15 @@ impl Port for Terminal {
     }
 
     #[cfg(target_os = "linux")]
-    fn open_door(&mut self) {
+    fn open_door(&mut self) -> Option<Vec<u8>> {
+        let mut left = None;
         if let Some(watched) = &mut self.watched
-            && watched.turn(&mut self.line, &self.link).is_err()
+            && watched.turn(&mut self.line, &self.link, &mut left).is_err()
         {
             // It goes on as elsewhere.
             self.watched = None;
         }
+        left
     }
 }
 
@@ -81,6 +83,8 @@ mod watched {
         holder,
         pty::{Link, Pty},
     };
+
+    use super::super::MAX_UNREAD_BYTES;
 
     /// The terminals, by the numbers of their watches.
     pub(super) struct Terminals {
@@ -129,8 +133,13 @@ mod watched {
             self.events.as_fd()
         }
 
-        /// Follows what has been opened and closed.
-        pub(super) fn turn(&mut self, line: &mut Pty, link: &Link) -> Result<()> {
+        /// Follows what has been opened and closed; `left` is what has not been read of a sender that has left.
+        pub(super) fn turn(
+            &mut self,
+            line: &mut Pty,
+            link: &Link,
+            left: &mut Option<Vec<u8>>,
+        ) -> Result<()> {
             let mut buffer = [MaybeUninit::uninit(); 1024];
             let mut seen = Vec::new();
             let mut reader = Reader::new(&self.events, &mut buffer);
@@ -151,6 +160,7 @@ mod watched {
                     self.opened = self.opened.saturating_sub(1);
                     if self.opened == 0 {
                         ui::status("Left", &line.name().display().to_string());
+                        *left = Some(unread(line));
                     }
                 } else if let Some(refused) = self.refused(number) {
                     if is_opened {
@@ -207,6 +217,18 @@ mod watched {
             self.next = Some((number, next));
             Ok(())
         }
+    }
+
+    /// Reads what its sender has sent and nobody has read: no more than an operating system keeps.
+    fn unread(terminal: &Pty) -> Vec<u8> {
+        let mut unread = Vec::new();
+        let mut chunk = [0; 1024];
+        while unread.len() < MAX_UNREAD_BYTES
+            && let Ok(length @ 1..) = rustix::io::read(terminal.controller(), &mut chunk)
+        {
+            unread.extend(&chunk[..length]);
+        }
+        unread
     }
 
     fn watch(events: &OwnedFd, terminal: &Pty) -> rustix::io::Result<i32> {
