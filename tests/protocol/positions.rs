@@ -93,6 +93,25 @@ fn an_alarm_of_a_probing_move_after_g40_leaves_the_programmed_position_at_the_cu
     assert_one_position(&machine, "ALARM:4");
 }
 
+#[test]
+fn check_mode_and_sleep_in_compensation_leave_the_path_at_the_end_of_the_motion() {
+    for ends in ["$C", "$SLP"] {
+        let mut machine = machine(&[]);
+        for line in [
+            "G90F1200",
+            "G41.1D1.2345",
+            "G1X5.0187Y5",
+            "X20",
+            "Y20",
+            ends,
+        ] {
+            machine.send(format!("{line}\n"));
+            machine.run_to_standstill();
+        }
+        assert_one_position(&machine, ends);
+    }
+}
+
 /// What happens to a machine: a line, bytes in real time, a while, a contact of the probe.
 #[derive(Debug, Clone)]
 enum Event {
@@ -119,7 +138,7 @@ fn event() -> impl Strategy<Value = Event> {
             &[
                 "$X", "G41.1D1.5", "G42.1D.7", "G40", "G64P.05", "G61", "G61.1", "$H", "$HX", "$11=0.02", "$11=0.01",
                 "G10L2P1R15X.3333", "G10L2P1R0", "G92X.7777", "M2", "G4P.01", "$RST=#", "G28", "G28.1", "G81Z-1R.5",
-                "G80", "$C",
+                "G80", "$C", "$SLP",
             ][..]
         )
         .prop_map(str::to_owned),

@@ -68,12 +68,13 @@ impl Session {
         }
     }
 
-    /// Ends compensation where the machine is, and forgets what waits.
+    /// Ends compensation where the last move has led, and forgets what waits. Nothing that has been sent is dropped:
+    /// `prepare` goes on from the exact end, and not from the whole steps.
     #[inline(never)]
     pub(super) fn cancel_compensation(&mut self) {
         if self.interpreter.is_compensating() || self.interpreter.is_beside_path() {
             self.interpreter.cancel_compensation();
-            self.machine_sync.is_position_known = false;
+            self.interpreter.set_position(self.router.position());
         }
         self.compensator.clear();
         self.reports.has_reported_wait = false;
@@ -86,9 +87,6 @@ impl Session {
                 return self.await_standstill();
             }
             self.cancel_compensation();
-            // Nothing has been dropped: `prepare` goes on from the exact end, and not from the whole steps.
-            self.interpreter.set_position(self.router.position());
-            self.machine_sync.is_position_known = true;
         }
         self.accept()
     }
