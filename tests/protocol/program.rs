@@ -3,7 +3,7 @@
 use grbl_client::Status;
 use leadscrew::{
     axis::AXES,
-    model::{Alarm, Laser, Notice, Spindle, State},
+    model::{Alarm, Laser, Notice, Outputs, Spindle, State},
     path::Work,
 };
 
@@ -241,6 +241,40 @@ fn another_laser_mode_switches_the_spindle_off() {
         );
         let modes = execute(&mut machine, "$G").join(" ");
         assert_eq!(!modes.contains(" M5 "), stays, "{before} {change}: {modes}");
+    }
+}
+
+#[test]
+fn restored_defaults_switch_everything_off_and_another_largest_speed_counts_at_once() {
+    for laser in ["32=0", "32=1"] {
+        for change in ["$RST=$", "$RST=*"] {
+            for on in ["M3S800M8", "M4S800M8", "M3S800M8G1X.1F600"] {
+                let mut machine = Machine::new(&[laser]);
+                machine.ask(on);
+                machine.send(format!("{change}\n"));
+                machine.run_to_standstill();
+                assert_eq!(
+                    *machine.outputs(),
+                    Outputs::default(),
+                    "{laser} {on} {change}"
+                );
+                let modes = machine.ask("$G").join(" ");
+                assert!(modes.contains(" M5 M9 "), "{laser} {on} {change}: {modes}");
+            }
+        }
+    }
+    // A laser in proportion to the speed stays dark at rest.
+    for (laser, on, duties) in [
+        ("32=0", "M4S800", [204, 102]),
+        ("32=1", "M4S800G1X.1F600", [0, 0]),
+        ("32=1", "M3S800G1X.1F600", [204, 102]),
+    ] {
+        let mut machine = Machine::new(&[laser]);
+        machine.ask(on);
+        machine.run_to_standstill();
+        let before = machine.outputs().duty / 4;
+        machine.ask("$30=2000");
+        assert_eq!([before, machine.outputs().duty / 4], duties, "{laser} {on}");
     }
 }
 
