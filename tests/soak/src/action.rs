@@ -99,6 +99,8 @@ fn switching_line() -> impl Strategy<Value = String> {
         &[
             "M3S800",
             "M4S600",
+            "$32=1",
+            "$32=0",
             "M3S1000G1X-20F2000",
             "M4S700G1Y-30F1500",
             "M8",

@@ -209,7 +209,7 @@ mod tests {
             (Fault::AnswerGarbled, "an unknown line", 2),
             (Fault::SecondStepLost, "second motors", 2),
             (Fault::AllAreJogs, "a jog is an alarm", 2),
-            (Fault::HoldBehindDoorLost, "a hold behind the door", 3),
+            (Fault::HoldBehindDoorLost, "a hold behind the door", 4),
             (Fault::PathLeft, "the path begins elsewhere", 1),
         ] {
             let broken = search(SEED, Until::Histories(300), STEP_RATE, Some(fault), |_| {});
@@ -224,6 +224,26 @@ mod tests {
         let setup = Setup::plain(Kind::Laser);
         let lines = ["G1F3000", "G41.1D1.5G1X-1", "G40"].map(|line| Action::Line(line.into()));
         run(setup, &lines, STEP_RATE, None);
+    }
+
+    #[test]
+    fn what_was_being_stored_in_inches_is_looked_at_in_inches() {
+        let setup = Setup {
+            is_reprap: true,
+            ..Setup::plain(Kind::Marks)
+        };
+        let line = |text: &str| Action::Line(text.into());
+        let write = Action::PowerFailsInWrite {
+            text: "G10L2P1X1Y-1".into(),
+            words: 78,
+            seed: 15_390_837_487_648_707_265,
+        };
+        run(
+            setup,
+            &[line("G10L2P3R30"), line("G20"), write],
+            STEP_RATE,
+            None,
+        );
     }
 
     #[test]

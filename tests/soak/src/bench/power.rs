@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use leadscrew::{
     axis::Axes,
+    gcode::Units,
     model::{Levels, WorkCoordinates},
     settings::{Stored, TOOLS, ToolTable},
     sim::Simulator,
@@ -16,6 +17,7 @@ impl Bench {
     /// The power fails, and comes back.
     pub(super) fn fail_power(&mut self) {
         self.note_stored();
+        let units = self.simulator.session().interpreter().modal().units;
         self.before += self.simulator.now();
         for (moved, steps) in self.moved.iter_mut().zip(self.motion.steps().iter()) {
             *moved += steps;
@@ -54,12 +56,18 @@ impl Bench {
         self.run(SECOND / 10);
         let writing = self.writing.take();
         if !is_known {
-            self.check_stored_by_line(old.last(), writing.as_deref());
+            self.check_stored_by_line(old.last(), writing.as_deref(), units);
         }
     }
 
-    /// Checks that a stored record that is not old is new: the same line changes nothing when sent again.
-    fn check_stored_by_line(&mut self, old: Option<&(Stored, ToolTable)>, writing: Option<&str>) {
+    /// Checks that a stored record that is not old is new: the same line changes nothing when sent again, in the units in
+    /// which it was sent.
+    fn check_stored_by_line(
+        &mut self,
+        old: Option<&(Stored, ToolTable)>,
+        writing: Option<&str>,
+        units: Units,
+    ) {
         let new = self.may_be_stored.clone();
         let changes = old
             .zip(new.first())
@@ -70,6 +78,9 @@ impl Bench {
         // A contact that is still closed may hold the machine.
         self.recover_for_line();
         self.send("$X");
+        if units == Units::Inches {
+            self.send("G20");
+        }
         self.send(line);
         assert!(
             self.reaches_standstill(RESET_TICKS),
