@@ -99,8 +99,6 @@ fn switching_line() -> impl Strategy<Value = String> {
         &[
             "M3S800",
             "M4S600",
-            "$32=1",
-            "$32=0",
             "M3S1000G1X-20F2000",
             "M4S700G1Y-30F1500",
             "M8",
@@ -132,6 +130,7 @@ fn host_line() -> impl Strategy<Value = String> {
             "G92 X0",
             "G28",
             "G28 X",
+            "M20",
             "M105",
             "M114",
             "M115",
@@ -173,6 +172,7 @@ fn line() -> impl Strategy<Value = String> {
         12 => any_line(),
         3 => storing_line(),
         6 => switching_line(),
+        2 => prop::sample::select(&["$32=1", "$32=0"][..]).prop_map(str::to_owned),
         1 => prop::sample::select(&["$H", "$HX", "$C", "$X", "$", "$$", "$+", "$I+", "$RST=#", "G28.1", "G30.1", "G10L20P2X1"][..])
             .prop_map(str::to_owned),
     ]

@@ -87,7 +87,7 @@ pub(crate) fn is_known_to_hosts(line: &str) -> bool {
         "X:",
     ];
     let is_switch = |state: &str| matches!(state, "open" | "TRIGGERED");
-    matches!(line, "start" | "wait")
+    matches!(line, "start" | "wait" | "Begin file list" | "End file list")
         || BEGINNINGS
             .iter()
             .any(|beginning| line.starts_with(beginning))

@@ -265,7 +265,13 @@ impl Bench {
             Action::Byte(byte) => self.urgent.push_back(*byte),
             Action::Close(contact) => self.hold(self.closed | contact.input()),
             Action::Open(contact) => self.hold(self.closed & !contact.input()),
-            Action::Pass(ms) => self.run(u64::from(*ms) * MILLISECOND),
+            Action::Pass(ms) => {
+                self.run(u64::from(*ms) * MILLISECOND);
+                let is_answered = self.welcomes == 0 && self.answers == self.received_lines;
+                if is_answered && self.stands_in_silence() {
+                    self.check_outputs_at_rest();
+                }
+            }
             Action::HoldBehindDoor(ms) => {
                 for byte in [DOOR, b'~', b'!'] {
                     self.urgent.push_back(byte);
@@ -453,12 +459,7 @@ impl Bench {
         let (mut unanswered, mut quiet) = (0, 0);
         while self.simulator.now() < end {
             self.run(SECOND / 100);
-            let snapshot = self.simulator.snapshot();
-            let is_silent =
-                self.line.is_empty() && self.urgent.is_empty() && !self.simulator.has_to_send();
-            let stands = snapshot.is_at_rest
-                && matches!(snapshot.state, State::Idle | State::Alarm | State::Check);
-            if !is_silent || !stands || self.waiting() > 0 {
+            if !self.stands_in_silence() {
                 quiet = 0;
                 continue;
             }
@@ -470,25 +471,37 @@ impl Bench {
             };
             if is_answered {
                 self.welcomes = 0;
-                // A `G28` of a host homes after ALARM:2, and leaves programmed what the alarm has switched off.
-                if !self.setup.is_reprap {
-                    let stays_on = self.is_alarm_of_probe && self.leaves_on;
-                    outputs::check_at_rest(&self.simulator, self.outputs(), stays_on);
-                }
+                self.check_outputs_at_rest();
                 return true;
             }
             if self.setup.is_reprap {
                 continue;
             }
-            let can_answer = snapshot.state != State::Alarm && self.simulator.due().is_none();
+            let state = self.state();
+            let can_answer = state != State::Alarm && self.simulator.due().is_none();
             unanswered += u32::from(can_answer);
-            assert!(
-                unanswered < 100,
-                "a line has no answer in {:?}",
-                snapshot.state
-            );
+            assert!(unanswered < 100, "a line has no answer in {state:?}");
         }
         false
+    }
+
+    /// Whether the machine stands, and nothing is on its way to it or from it.
+    fn stands_in_silence(&self) -> bool {
+        let snapshot = self.simulator.snapshot();
+        let is_silent =
+            self.line.is_empty() && self.urgent.is_empty() && !self.simulator.has_to_send();
+        let stands = snapshot.is_at_rest
+            && matches!(snapshot.state, State::Idle | State::Alarm | State::Check);
+        is_silent && stands && self.waiting() == 0
+    }
+
+    /// At rest, with all lines answered, what is on is what is programmed, or nothing.
+    fn check_outputs_at_rest(&self) {
+        // A `G28` of a host homes after ALARM:2, and leaves programmed what the alarm has switched off.
+        if !self.setup.is_reprap {
+            let stays_on = self.is_alarm_of_probe && self.leaves_on;
+            outputs::check_at_rest(&self.simulator, self.outputs(), stays_on);
+        }
     }
 
     fn hold(&mut self, contacts: Levels) {
