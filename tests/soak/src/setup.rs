@@ -296,7 +296,7 @@ impl Setup {
 
 impl Options {
     /// The settings of each option but jerk, which each axis has.
-    fn assignments(self) -> [(bool, &'static [&'static str]); 7] {
+    fn assignments(self) -> [(bool, &'static [&'static str]); 8] {
         [
             (self.parking, &["41=1", "57=1200", "59=3000"]),
             (self.enable_delay, &["786=120"]),
