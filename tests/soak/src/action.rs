@@ -195,7 +195,7 @@ fn realtime_byte() -> impl Strategy<Value = u8> {
         6 => Just(b'~'),
         4 => Just(b'!'),
         1 => Just(0x18),
-        8 => 0x80_u8..0xa8,
+        8 => 0x80_u8..0xa4,
         1 => any::<u8>(),
     ]
 }

@@ -258,7 +258,7 @@ impl Bench {
             // Text in a full queue would be lost.
             Action::Byte(byte)
                 if self.setup.fills_queue
-                    && !matches!(byte, 0x18 | b'?' | b'!' | b'~' | 0x80..) =>
+                    && !matches!(byte, 0x18 | b'?' | b'!' | b'~' | 0x80..=0xa3) =>
             {
                 self.line.push_back(WireByte::Byte(*byte));
             }

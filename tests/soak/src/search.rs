@@ -188,7 +188,7 @@ mod tests {
 
     const STEP_RATE: StepRate = StepRate::Proven(190_000);
     /// From here on each fault soon comes in a history that does not need a contact or an offset as well.
-    const SEED: u64 = 2000;
+    const SEED: u64 = 3000;
 
     #[test]
     fn each_fault_is_found_and_its_history_is_short() {
