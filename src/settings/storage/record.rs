@@ -289,6 +289,7 @@ impl Key {
     }
 
     /// Reads the known values in range from the contents of its record.
+    #[inline(never)]
     pub(super) fn read(self, contents: &[u8], stored: &mut Stored) {
         match self {
             Self::Settings => read_settings(contents, stored),
