@@ -301,6 +301,7 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
     /// # Errors
     /// [`StoreError::Flash`] when the EEPROM fails, [`StoreError::NoRoom`] for a startup line or a slot
     /// that does not exist.
+    #[inline(never)]
     pub fn write(
         &mut self,
         change: Change,
