@@ -96,8 +96,8 @@ pub fn damage(text: &mut Text, damaged: Changes, tools: &ToolTable) {
     text.word("]").end();
 }
 
-/// `Damaged in storage: settings, $N0, T3`. A tool of which no record is left has no number; more of them than
-/// [`MOST_TOOLS_NAMED`] are `tools`.
+/// `Damaged in storage: settings, $N0, T3`. A tool of which no record is left has no number, and more than three are
+/// `tools`.
 pub fn damaged_records(text: &mut Text, damaged: Changes, tools: &ToolTable) {
     const NAMES: [(Change, &str); 5] = [
         (Change::Settings, "settings"),
