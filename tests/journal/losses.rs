@@ -3,6 +3,7 @@
 use std::num::NonZeroU8;
 
 use leadscrew::{
+    axis::AXES,
     settings::{Change, Changes, STARTUP_LINES, TOOLS, ToolEntry, assign},
     sim::Flash,
     units::Nm,
@@ -116,6 +117,9 @@ impl Outcomes {
     }
 }
 
+/// Changes of settings of which one page has room: with six axes each is half as long again.
+const MOST_SETTINGS: usize = if AXES > 4 { 15 } else { 23 };
+
 /// An image with so many changes of settings, and its contents.
 fn image(settings: usize) -> (Large, Contents) {
     let mut journal = power_up(Large::new()).0;
@@ -138,7 +142,7 @@ fn used(flash: &Large) -> impl Iterator<Item = usize> + use<> {
 #[test]
 fn each_flipped_bit_of_a_flash_changes_nothing_or_is_reported_by_name() {
     // All are newest records; then most are not.
-    for (settings, step) in [(1, 1), (23, 101)] {
+    for (settings, step) in [(1, 1), (MOST_SETTINGS, 101)] {
         let (flash, contents) = image(settings);
         let mut outcomes = Outcomes::default();
         let bits = used(&flash).flat_map(|at| (0..8).map(move |bit| (at, bit)));
@@ -180,7 +184,7 @@ fn eight_bytes_of_zeros_in_a_flash_change_nothing_or_are_reported_by_name() {
 
 #[test]
 fn a_flash_that_is_cut_off_is_reported() {
-    let (flash, contents) = image(23);
+    let (flash, contents) = image(MOST_SETTINGS);
     let mut outcomes = Outcomes::default();
     for at in (0..SECTOR).step_by(each(7)) {
         let mut flash = flash.clone();
