@@ -50,7 +50,7 @@ const _: () = assert!(
 );
 
 /// How often a record is written at most, where words are damaged.
-const APPENDS: u32 = 3;
+const APPENDS: u32 = 8;
 
 type RecordCache = Cache<ArrayPageStates<2>, ArrayPagePointers<2>, ArrayKeyPointers<u8, KEYS>, u8>;
 type Map<'a, F> = MapStorage<u8, &'a mut Sectors<F>, RecordCache>;
