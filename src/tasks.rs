@@ -25,7 +25,8 @@ use crate::{
     motion::Motion,
     path::Entry,
     protocol::{
-        ByteCount, ByteReader, ByteWriter, DamagedByte, FormWatch, Progress, Session, realtime,
+        ByteCount, ByteReader, ByteWriter, DamagedByte, Progress, Session, Utf8RequestWatch,
+        realtime,
     },
     settings::{Change, Erasing, StoreError, Stored, ToolTable},
     stepper::{EventReader, EventTap, EventWriter, SegmentRing, StepEvent, Upcoming},
@@ -241,7 +242,7 @@ pub fn look_at_line(
     is_low: bool,
     periods: u8,
     received: ByteCount<'_>,
-    watches: &mut (BreakDetector, FormWatch),
+    watches: &mut (BreakDetector, Utf8RequestWatch),
     requests: &Requests,
     platform: &mut impl Platform,
 ) {

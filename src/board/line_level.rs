@@ -10,7 +10,7 @@
 use leadscrew::{
     machine::BreakDetector,
     model::Requests,
-    protocol::{ByteCount, FormWatch},
+    protocol::{ByteCount, Utf8RequestWatch},
     tasks,
 };
 
@@ -27,7 +27,7 @@ pub(super) fn mark_periods(timer: &pac::TIM10) {
 
 /// The watch of `idle` over the line.
 pub(crate) struct LineLevel {
-    watches: (BreakDetector, FormWatch),
+    watches: (BreakDetector, Utf8RequestWatch),
     /// Bytes of lines that have been received.
     received: ByteCount<'static>,
 }
@@ -36,7 +36,7 @@ impl LineLevel {
     /// Returns a watch that has not looked.
     pub(crate) const fn new(received: ByteCount<'static>) -> Self {
         Self {
-            watches: (BreakDetector::new(), FormWatch::new()),
+            watches: (BreakDetector::new(), Utf8RequestWatch::new()),
             received,
         }
     }

@@ -17,7 +17,7 @@ use core::{fmt, hint::cold_path};
 
 use leadscrew::{
     model::{Requests, queues::SENT_RING},
-    protocol::{ByteReader, DamagedByte, Reception},
+    protocol::{ByteReader, DamagedByte, IncomingWriter},
     tasks,
 };
 
@@ -38,7 +38,7 @@ impl Receiver {
 
     /// Runs `serial_rx`.
     #[inline]
-    pub(crate) fn serve(&mut self, reception: &mut Reception<'_>) {
+    pub(crate) fn serve(&mut self, reception: &mut IncomingWriter<'_>) {
         receive(&self.0, reception);
     }
 }
@@ -79,7 +79,7 @@ const _: () = {
 /// refused.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-fn receive(usart: &UsartRegisters, reception: &mut Reception<'_>) {
+fn receive(usart: &UsartRegisters, reception: &mut IncomingWriter<'_>) {
     let (requests, mut received) = reception.parts();
     let before = received.enqueued();
     let flags = usart.sr().read().bits() & STATUS_FLAGS;
@@ -102,7 +102,7 @@ fn receive(usart: &UsartRegisters, reception: &mut Reception<'_>) {
     feature = "eeprom",
     allow(dead_code, reason = "the bring-up erases flash on every board")
 )]
-pub(super) struct FlashEraseReceiver(Reception<'static>);
+pub(super) struct FlashEraseReceiver(IncomingWriter<'static>);
 
 #[cfg_attr(
     feature = "eeprom",
@@ -110,7 +110,7 @@ pub(super) struct FlashEraseReceiver(Reception<'static>);
 )]
 impl FlashEraseReceiver {
     /// Returns a receiver into the queue of `serial_rx`.
-    pub(super) const fn new(reception: Reception<'static>) -> Self {
+    pub(super) const fn new(reception: IncomingWriter<'static>) -> Self {
         Self(reception)
     }
 

@@ -9,7 +9,7 @@ use core::mem::MaybeUninit;
 
 use leadscrew::{
     motion::{Motion, QueuedBlock},
-    protocol::{Reception, Session},
+    protocol::{IncomingWriter, Session},
     settings::{Change, Erasing, Loaded, StoreError, Stored, ToolTable},
 };
 
@@ -120,7 +120,7 @@ impl Storage {
 
     /// Sets the queue for bytes that come while flash is erased.
     #[cfg(not(feature = "eeprom"))]
-    pub(crate) fn receive_while_erasing(&mut self, reception: Reception<'static>) {
+    pub(crate) fn receive_while_erasing(&mut self, reception: IncomingWriter<'static>) {
         let flash = self.0.flash();
         flash.set_receiver(FlashEraseReceiver::new(reception));
     }
@@ -128,7 +128,7 @@ impl Storage {
     /// Does nothing: the chip runs while an EEPROM is written.
     #[cfg(feature = "eeprom")]
     #[expect(clippy::unused_self, reason = "flash needs it")]
-    pub(crate) fn receive_while_erasing(&mut self, _: Reception<'static>) {}
+    pub(crate) fn receive_while_erasing(&mut self, _: IncomingWriter<'static>) {}
 
     /// Stores a change. At rest only: an erase may take 2 s.
     pub(super) fn write(

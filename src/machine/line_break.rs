@@ -111,7 +111,7 @@ mod tests {
                 let _ = requests.accept(b'?', *received);
             },
             |requests, received| {
-                let _ = requests.accept_high(0x90, *received);
+                let _ = requests.accept_from_0x80(0x90, *received);
             },
         ];
         for come in came {

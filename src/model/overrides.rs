@@ -1,9 +1,4 @@
 //! Overrides of feed, rapid and spindle speed, in per cent. Read with Grbl 1.1 `config.h`.
-//!
-//! # Cost
-//!
-//! [`Override::may_be_override`] is inlined and takes few instructions: the receiver calls it, also
-//! from RAM while flash is erased.
 
 /// Smallest and largest feed and spindle override, %: Grbl's.
 const RANGE: (u8, u8) = (10, 200);
@@ -73,16 +68,8 @@ impl Override {
         Self::Mist,
     ];
 
-    /// Returns whether a byte may be such a command, which [`Self::from_byte`] knows.
-    #[inline(always)]
-    #[expect(
-        clippy::inline_always,
-        reason = "called from RAM, where nothing in flash may be"
-    )]
-    #[must_use]
-    pub const fn may_be_override(byte: u8) -> bool {
-        matches!(byte, 0x88..=0xa2)
-    }
+    /// The first byte that may be such a command.
+    pub const FIRST: u8 = 0x88;
 
     /// Returns the command of a realtime byte.
     #[must_use]
@@ -232,7 +219,8 @@ mod tests {
         assert_eq!(Override::from_byte(0x9f), None);
         for byte in 0..=u8::MAX {
             assert!(
-                Override::may_be_override(byte) || Override::from_byte(byte).is_none(),
+                (Override::FIRST..TOOL_CHANGE).contains(&byte)
+                    || Override::from_byte(byte).is_none(),
                 "{byte}"
             );
         }

@@ -1,6 +1,6 @@
 //! Requests in real time, from the receiver and the buttons to the tasks that act on them.
 //!
-//! Written by `serial_rx` and `inputs`; every other task only reads them or clears them.
+//! Written by `serial_rx`, `inputs` and `idle`; every other task only reads them or clears them.
 //!
 //! # Cost
 //! Requests are plain loads and stores: each flag is set at one priority and cleared by one reader
@@ -18,7 +18,7 @@ use core::sync::atomic::{
     compiler_fence,
 };
 
-use super::{HAS_REPRAP, Levels, TOOL_CHANGE};
+use super::{HAS_REPRAP, Levels, Override, TOOL_CHANGE};
 use losses::Losses;
 pub use override_ring::OVERRIDES;
 use override_ring::OverrideRing;
@@ -91,7 +91,7 @@ pub struct Requests {
     overrides: OverrideRing,
     /// A byte that has come in UTF-8, or 0, and the number of such bytes, wrapping: written by `idle`.
     form: AtomicU8,
-    form_count: AtomicU32,
+    utf8_count: AtomicU32,
     /// Number of requests to `prepare` other than overrides, wrapping.
     count: AtomicU32,
     /// Number of resets by 0x18 and by the button, wrapping: a reader compares it with the number
@@ -129,7 +129,7 @@ impl Requests {
             tool_mark: AtomicU32::new(0),
             overrides: OverrideRing::new(),
             form: AtomicU8::new(0),
-            form_count: AtomicU32::new(0),
+            utf8_count: AtomicU32::new(0),
             count: AtomicU32::new(0),
             resets: AtomicU32::new(0),
             own_resets: AtomicU32::new(0),
@@ -230,7 +230,7 @@ impl Requests {
     pub fn count(&self) -> u32 {
         let overrides = self.overrides.written();
         let own = self.own_count.load(Relaxed);
-        let forms = self.form_count.load(Relaxed);
+        let forms = self.utf8_count.load(Relaxed);
         let count = self.count.load(Relaxed).wrapping_add(overrides);
         let count = count.wrapping_add(own).wrapping_add(forms);
         compiler_fence(SeqCst);
@@ -322,8 +322,8 @@ impl Requests {
     /// The same for a byte of 0x80 to 0xA3.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `accept`")]
-    pub(crate) fn accept_high(&self, byte: u8, received: usize) -> Release {
-        if byte >= 0x88 {
+    pub(crate) fn accept_from_0x80(&self, byte: u8, received: usize) -> Release {
+        if byte >= Override::FIRST {
             self.overrides.enqueue(byte);
             // No reader runs before the receiver has ended.
             if byte == TOOL_CHANGE {
@@ -337,7 +337,7 @@ impl Requests {
 
     /// Makes the request of a byte of 0x80 to 0xA3 that has come in UTF-8; for `idle` alone, which releases `prepare`
     /// afterwards. Returns false while another one waits.
-    pub(crate) fn accept_form(&self, byte: u8, received: usize) -> bool {
+    pub(crate) fn accept_utf8(&self, byte: u8, received: usize) -> bool {
         match byte {
             0x84 => set(&self.stops[DOOR]),
             0x85 => set(&self.stops[JOG_CANCEL]),
@@ -349,7 +349,7 @@ impl Requests {
                 self.form.store(byte, Relaxed);
             }
         }
-        add_one(&self.form_count);
+        add_one(&self.utf8_count);
         true
     }
 

@@ -19,9 +19,9 @@ use crate::model::Mark;
 
 /// What is missing of a character, as [`ByteRing`] keeps it.
 #[derive(Clone, Copy)]
-pub(super) struct Rest(usize);
+pub(super) struct CharacterRest(usize);
 
-impl Rest {
+impl CharacterRest {
     /// Nothing is missing.
     pub(super) const NOTHING: Self = Self(0);
 }
@@ -188,20 +188,20 @@ impl<'a> ByteWriter<'a> {
     /// Returns what a byte from 0x80 on leaves of a character of which it is a part; `None` where it stands alone.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `enqueue`")]
-    pub(super) fn rest_of_character(&self, number: usize, byte: u8) -> Option<Rest> {
+    pub(super) fn rest_of_character(&self, number: usize, byte: u8) -> Option<CharacterRest> {
         let next = self.ring.character.load(Relaxed);
         let rest = if byte < 0xc0 {
             next.wrapping_sub(number)
         } else {
             usize::from(byte) << 24
         };
-        (rest & 0x80ff_ffff == 1 << 31).then_some(Rest(rest << 1))
+        (rest & 0x80ff_ffff == 1 << 31).then_some(CharacterRest(rest << 1))
     }
 
     /// Awaits the rest of a character at a number.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `enqueue`")]
-    pub(super) fn await_rest(&mut self, number: usize, rest: Rest) {
+    pub(super) fn await_rest(&mut self, number: usize, rest: CharacterRest) {
         let next = number.wrapping_add(rest.0);
         self.ring.character.store(next, Relaxed);
     }

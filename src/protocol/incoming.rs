@@ -25,18 +25,18 @@ impl Incoming {
     }
 
     /// Returns the requests, and the ends of the receiver and of the reader.
-    pub const fn split(&mut self) -> (&Requests, Reception<'_>, ByteReader<'_>) {
+    pub const fn split(&mut self) -> (&Requests, IncomingWriter<'_>, ByteReader<'_>) {
         let incoming: &Self = self;
         let reader = incoming.bytes.reader();
-        (&incoming.requests, Reception(incoming), reader)
+        (&incoming.requests, IncomingWriter(incoming), reader)
     }
 }
 
 /// The end of the receiver.
 #[derive(Debug)]
-pub struct Reception<'a>(&'a Incoming);
+pub struct IncomingWriter<'a>(&'a Incoming);
 
-impl<'a> Reception<'a> {
+impl<'a> IncomingWriter<'a> {
     /// Returns a second one, for the time in which the owner of the first cannot run.
     #[must_use]
     pub const fn second(&self) -> Self {

@@ -7,7 +7,7 @@
 
 use heapless::Vec;
 
-use super::form_watch::{LATIN, is_form};
+use super::utf8_requests::{LATIN_1_LEAD, is_utf8_request};
 
 /// Length of the longest line, without comments and blanks, bytes.
 pub const LINE_BYTES: usize = 256;
@@ -47,7 +47,7 @@ const REPLACEMENTS: [u8; 256] = {
     let mut byte = b' ' + 1;
     while byte < u8::MAX {
         table[byte as usize] = match byte {
-            b'(' | b';' | LATIN => TEXT_END,
+            b'(' | b';' | LATIN_1_LEAD => TEXT_END,
             b'/' => DROPPED,
             _ => byte.to_ascii_uppercase(),
         };
@@ -136,14 +136,14 @@ impl Line {
     fn ends_with(&mut self, byte: u8) -> bool {
         if self.region == Region::Latin {
             self.region = Region::Text;
-            if byte == NO_BREAK_SPACE || is_form(byte, self.is_empty()) {
+            if byte == NO_BREAK_SPACE || is_utf8_request(byte, self.is_empty()) {
                 return false;
             }
             // No line has a use for it.
-            self.push(&[LATIN]);
+            self.push(&[LATIN_1_LEAD]);
         }
         match (byte, self.region) {
-            (LATIN, Region::Text) => self.region = Region::Latin,
+            (LATIN_1_LEAD, Region::Text) => self.region = Region::Latin,
             (b'\n' | b'\r', _) => return true,
             (b')', Region::Parentheses) => {
                 self.region = Region::Text;

@@ -2,7 +2,7 @@
 //!
 //! A realtime byte may stand inside a line. Read with Grbl 1.1 `serial.c` and the table of realtime
 //! commands. Text is none: a byte from 0x80 on is a request only where it stands alone, and part of a character
-//! in UTF-8 anywhere else. U+0080 to U+009F are such bytes as some senders write them: [`super::FormWatch`].
+//! in UTF-8 anywhere else. U+0080 to U+009F are such bytes as some senders write them: [`super::Utf8RequestWatch`].
 //!
 //! # Cost
 //! A byte costs O(1). The receiver also runs from RAM while the flash is erased, and can call nothing
@@ -10,7 +10,7 @@
 
 use core::hint::cold_path;
 
-use super::{ByteWriter, bytes::Rest};
+use super::{ByteWriter, bytes::CharacterRest};
 use crate::model::{Release, Requests, queues::RECEIVED_RING};
 
 /// Bytes between two releases of `interpret` without the end of a line, at most: a quarter of the
@@ -42,9 +42,9 @@ pub fn receive(
                 Some(rest) => rest,
                 None if byte <= LAST_REQUEST && !requests.are_sorted_later() => {
                     cold_path();
-                    return requests.accept_high(byte, before);
+                    return requests.accept_from_0x80(byte, before);
                 }
-                None => Rest::NOTHING,
+                None => CharacterRest::NOTHING,
             };
             if let Ok(number) = received.enqueue_behind(before, byte) {
                 received.await_rest(number, rest);

@@ -20,7 +20,7 @@ use crate::{
     model::{Alarm, Levels, Outputs, Requests, queues::ENTRY_RING},
     motion::Motion,
     path::Entry,
-    protocol::{ByteCount, ByteWriter, DamagedByte, FormWatch},
+    protocol::{ByteCount, ByteWriter, DamagedByte, Utf8RequestWatch},
     settings::Settings,
     stepper::{EventRing, PhaseSteps, SegmentRing},
     tasks::{self, InputTrigger, Platform, Task, Unlocked},
@@ -67,7 +67,7 @@ pub struct Drive {
     sample_due: Option<u64>,
     /// Whether a contact has changed since the last run of `inputs`.
     is_edge_pending: bool,
-    watches: (BreakDetector, FormWatch),
+    watches: (BreakDetector, Utf8RequestWatch),
     /// Number of bytes at the last look, and its time.
     looked_at: usize,
     looked_time: u64,
@@ -118,7 +118,7 @@ impl Drive {
             watch: Watch::new(Levels::NONE, &inputs),
             sample_due: None,
             is_edge_pending: false,
-            watches: (BreakDetector::new(), FormWatch::new()),
+            watches: (BreakDetector::new(), Utf8RequestWatch::new()),
             looked_at: 0,
             looked_time: 0,
             look_due: None,

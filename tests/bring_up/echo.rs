@@ -8,7 +8,7 @@ use core::{
     sync::atomic::{AtomicU32, Ordering::Relaxed},
 };
 
-use leadscrew::protocol::Reception;
+use leadscrew::protocol::IncomingWriter;
 use rtt_target::{ChannelMode, UpChannel};
 
 use super::{
@@ -35,7 +35,7 @@ const CHANNEL: usize = 0;
 /// What the handler of the USART has.
 struct Handler {
     receiver: Receiver,
-    reception: Reception<'static>,
+    reception: IncomingWriter<'static>,
 }
 
 struct Shared(UnsafeCell<Option<Handler>>);

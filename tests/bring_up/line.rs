@@ -2,7 +2,7 @@
 
 use leadscrew::{
     model::{Requests, queues::SENT_RING},
-    protocol::{ByteReader, ByteWriter, Bytes, Incoming, Reception},
+    protocol::{ByteReader, ByteWriter, Bytes, Incoming, IncomingWriter},
 };
 
 use super::{
@@ -33,7 +33,7 @@ pub(super) struct Compared {
 
 impl Line {
     /// Returns the line, once, and the end for its receiver.
-    pub(super) fn take() -> (Self, Reception<'static>) {
+    pub(super) fn take() -> (Self, IncomingWriter<'static>) {
         let incoming = cortex_m::singleton!(: Incoming = Incoming::new());
         let (requests, reception, received) = incoming.expect("this is the first time").split();
         let sent = cortex_m::singleton!(: Bytes<SENT_RING> = Bytes::new());

@@ -2,7 +2,7 @@
 
 use leadscrew::{
     model::{Awaited, Override, Release, Requests},
-    protocol::{Bytes, FormWatch, Incoming, realtime::receive},
+    protocol::{Bytes, Incoming, Utf8RequestWatch, realtime::receive},
 };
 use proptest::prelude::*;
 
@@ -32,7 +32,7 @@ impl Line {
     }
 
     /// Receives bytes, and has `idle` look, silence of so many ms before. Returns whether it has made a request.
-    fn look(&mut self, bytes: &[u8], silence_ms: u8, forms: &mut FormWatch) -> bool {
+    fn look(&mut self, bytes: &[u8], silence_ms: u8, forms: &mut Utf8RequestWatch) -> bool {
         for byte in bytes {
             self.receive(*byte);
         }
@@ -83,7 +83,7 @@ fn every_byte_is_a_request_or_part_of_a_line() {
 #[test]
 fn no_character_is_a_request_and_a_byte_behind_it_is() {
     let mut line = Line::new(Awaited::NONE);
-    let (mut asked, mut forms) = (line.requests.count(), FormWatch::new());
+    let (mut asked, mut forms) = (line.requests.count(), Utf8RequestWatch::new());
     for character in '\u{a0}'..=char::MAX {
         let text = std::format!("({character}");
         assert!(!line.look(text.as_bytes(), 0, &mut forms), "{character}");
@@ -152,14 +152,23 @@ fn realtime_bytes_in_utf_8_are_requests_where_no_text_can_be() {
     for (before, silence_ms, requests) in CASES {
         for byte in 0x80..=0xbf {
             let mut line = Line::new(Awaited::NONE);
-            let (mut asked, mut forms) = (line.requests.count(), FormWatch::new());
+            let (mut asked, mut forms) = (line.requests.count(), Utf8RequestWatch::new());
             line.look(before, 0, &mut forms);
             has_asked(&line.requests, &mut asked);
             assert!(!line.look(&[], silence_ms, &mut forms));
             // The look may also come between the two.
-            let is_form = line.look(&[0xc2], 0, &mut forms) | line.look(&[byte], 0, &mut forms);
-            assert_eq!(is_form, requests.contains(&byte), "{before:x?} {byte:x}");
-            assert_eq!(has_asked(&line.requests, &mut asked), is_form, "{byte:x}");
+            let is_utf8_request =
+                line.look(&[0xc2], 0, &mut forms) | line.look(&[byte], 0, &mut forms);
+            assert_eq!(
+                is_utf8_request,
+                requests.contains(&byte),
+                "{before:x?} {byte:x}"
+            );
+            assert_eq!(
+                has_asked(&line.requests, &mut asked),
+                is_utf8_request,
+                "{byte:x}"
+            );
         }
     }
 }
@@ -167,7 +176,7 @@ fn realtime_bytes_in_utf_8_are_requests_where_no_text_can_be() {
 #[test]
 fn of_realtime_bytes_in_utf_8_each_is_a_request_once() {
     let mut line = Line::new(Awaited::NONE);
-    let mut forms = FormWatch::new();
+    let mut forms = Utf8RequestWatch::new();
     line.look("\u{91}\u{91}\u{84}\u{92}".as_bytes(), 0, &mut forms);
     let mut taken = Vec::new();
     for _ in 0..4 {
@@ -181,7 +190,7 @@ fn of_realtime_bytes_in_utf_8_each_is_a_request_once() {
 #[test]
 fn text_releases_the_interpreter_in_time() {
     let mut line = Line::new(Awaited::LINE);
-    let mut forms = FormWatch::new();
+    let mut forms = Utf8RequestWatch::new();
     line.receive(b'(');
     for byte in "\u{3042}".repeat(300).bytes() {
         assert_eq!(line.receive(byte), Release::Nobody);

@@ -43,7 +43,7 @@ impl OverrideRing {
     }
 
     /// Dequeues all bytes, with one more in front of them unless it is 0.
-    pub(super) fn dequeue_all(&self, first: u8) -> Option<Taken> {
+    pub(super) fn dequeue_all(&self, first: u8) -> Option<TakenOverrides> {
         let (read, written) = (self.read.load(Relaxed), self.written.load(Relaxed));
         compiler_fence(SeqCst);
         let mut bytes = self.bytes.each_ref().map(|byte| byte.load(Relaxed));
@@ -63,7 +63,7 @@ impl OverrideRing {
                 *slot = first;
             }
         }
-        let taken = Taken {
+        let taken = TakenOverrides {
             bytes,
             next,
             remaining,
@@ -74,13 +74,13 @@ impl OverrideRing {
 
 /// Bytes that have been dequeued, oldest first.
 #[derive(Debug)]
-pub(super) struct Taken {
+pub(super) struct TakenOverrides {
     bytes: [u8; OVERRIDES],
     next: u32,
     remaining: u32,
 }
 
-impl Iterator for Taken {
+impl Iterator for TakenOverrides {
     type Item = u8;
 
     #[inline]

@@ -42,7 +42,7 @@ pub(super) struct Host {
     pub(super) raw: RawLine,
     pub(super) has_ended: bool,
     /// Behind the first byte of what may be a realtime byte in UTF-8.
-    pub(super) is_behind_latin: bool,
+    pub(super) is_behind_lead: bool,
     /// Number of the line's first byte.
     pub(super) start: usize,
     /// Number of the last accepted line.
@@ -107,7 +107,7 @@ impl Host {
             dialect: Dialect::Grbl,
             raw: RawLine::new(),
             has_ended: false,
-            is_behind_latin: false,
+            is_behind_lead: false,
             start: 0,
             last: 0,
             has_begun: false,

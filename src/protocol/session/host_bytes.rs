@@ -23,8 +23,8 @@ use crate::{
     model::{Requests, State, queues::RECEIVED_RING},
     protocol::{
         ByteReader, Emergency, RawLine,
-        form_watch::{LATIN, is_form},
         realtime::is_request,
+        utf8_requests::{LATIN_1_LEAD, is_utf8_request},
     },
 };
 
@@ -52,7 +52,7 @@ pub(super) struct Scan {
     /// Number of bytes received when the line fell silent.
     pub(super) silent_at: Option<usize>,
     /// Number of the byte behind one that may be the first of a request in UTF-8.
-    form_at: Option<usize>,
+    utf8_request_at: Option<usize>,
     /// The line is being dropped, or its rest.
     is_dropping: bool,
     is_cut: bool,
@@ -113,12 +113,13 @@ impl Session {
             scan.next = number.wrapping_add(1);
             let is_silent = scan.silent_at == Some(number);
             let may_be_request = scan.line.is_empty() || is_silent;
-            let is_form = scan.form_at.take() == Some(number) && is_form(byte, true);
-            if is_form {
+            let is_utf8_request =
+                scan.utf8_request_at.take() == Some(number) && is_utf8_request(byte, true);
+            if is_utf8_request {
                 received.replace(number.wrapping_sub(1), TAKEN);
                 scan.line.clear();
             }
-            if is_form || is_request(byte) && may_be_request {
+            if is_utf8_request || is_request(byte) && may_be_request {
                 received.replace(number, TAKEN);
                 scan.has_taken = true;
                 if is_silent {
@@ -127,8 +128,8 @@ impl Session {
                 self.accept_realtime(byte, number, requests);
                 continue;
             }
-            if byte == LATIN && may_be_request {
-                scan.form_at = Some(scan.next);
+            if byte == LATIN_1_LEAD && may_be_request {
+                scan.utf8_request_at = Some(scan.next);
             }
             scan.is_dropping |= scan.line.is_empty() && place >= KEPT_BYTES;
             let is_end = matches!(byte, b'\n' | b'\r');

@@ -17,9 +17,8 @@ use crate::{
     },
     model::State,
     protocol::{
-        ByteReader, FailedCheck, Verdict,
-        form_watch::{LATIN, is_form},
-        replies, report,
+        ByteReader, FailedCheck, Verdict, replies, report,
+        utf8_requests::{LATIN_1_LEAD, is_utf8_request},
     },
     settings::Settings,
     units::Nm,
@@ -73,14 +72,14 @@ impl Session {
                 host.start = oldest.wrapping_add(taken);
             }
             taken += 1;
-            if core::mem::take(&mut host.is_behind_latin) {
-                if is_form(byte, host.raw.is_empty()) {
+            if core::mem::take(&mut host.is_behind_lead) {
+                if is_utf8_request(byte, host.raw.is_empty()) {
                     continue;
                 }
-                host.raw.push(LATIN);
+                host.raw.push(LATIN_1_LEAD);
             }
             match byte {
-                LATIN if !host.dialect.is_reprap() => host.is_behind_latin = true,
+                LATIN_1_LEAD if !host.dialect.is_reprap() => host.is_behind_lead = true,
                 b'\n' | b'\r' => {
                     host.has_ended = true;
                     break;

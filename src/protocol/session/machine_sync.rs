@@ -24,7 +24,7 @@ pub(super) enum LineBreak {
 
 /// The programmed position where the path goes on from the machine's whole steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Programmed {
+pub(super) enum ProgrammedPosition {
     /// That of the machine.
     Machine,
     /// Another one: that where a move would have begun which has not.
@@ -126,18 +126,18 @@ impl Session {
 
     /// Makes the position of the machine the programmed one.
     pub(super) fn adopt_position(&mut self, machine: &Snapshot) {
-        self.continue_from(machine, Programmed::Machine);
+        self.continue_from(machine, ProgrammedPosition::Machine);
         self.machine_sync.is_position_known = true;
     }
 
     /// Has the path go on from the whole steps of a machine at standstill, where `prepare` goes on that has dropped
     /// what was left, or takes over settings. Nothing else does where a path begins that is not the end of another.
-    pub(super) fn continue_from(&mut self, machine: &Snapshot, programmed: Programmed) {
+    pub(super) fn continue_from(&mut self, machine: &Snapshot, programmed: ProgrammedPosition) {
         let position = self.router.set_steps(machine.steps);
         match programmed {
-            Programmed::Machine => self.interpreter.set_position(position),
-            Programmed::At(position) => self.interpreter.set_position(position),
-            Programmed::Stays => {}
+            ProgrammedPosition::Machine => self.interpreter.set_position(position),
+            ProgrammedPosition::At(position) => self.interpreter.set_position(position),
+            ProgrammedPosition::Stays => {}
         }
     }
 }

@@ -12,7 +12,7 @@ use core::num::NonZeroU8;
 
 use super::{
     AfterCommands, LineStage, Links, Progress, Session, Source, dispatch::answer,
-    machine_sync::Programmed,
+    machine_sync::ProgrammedPosition,
 };
 use crate::{
     gcode::LineError,
@@ -410,9 +410,9 @@ impl Session {
         let are_elsewhere =
             settings.steps_per_mm != before.steps_per_mm || settings.core_xy != before.core_xy;
         let programmed = if are_elsewhere {
-            Programmed::Machine
+            ProgrammedPosition::Machine
         } else {
-            Programmed::Stays
+            ProgrammedPosition::Stays
         };
         self.router.configure(&settings);
         self.continue_from(links.machine, programmed);

@@ -7,7 +7,9 @@
 
 use heapless::spsc::Producer;
 
-use super::{AfterCommands, LineStage, Links, Progress, Session, Source, machine_sync::Programmed};
+use super::{
+    AfterCommands, LineStage, Links, Progress, Session, Source, machine_sync::ProgrammedPosition,
+};
 use crate::{
     machine::Snapshot,
     model::{Alarm, Command, FeedRate, Laser, Levels, PathControl, Probing, Spindle},
@@ -245,11 +247,11 @@ impl Session {
     /// or the start, if the move has not been begun.
     fn end_probing(&mut self, machine: &Snapshot) {
         let programmed = if !self.probing.has_ended {
-            Programmed::At(self.probing.start)
+            ProgrammedPosition::At(self.probing.start)
         } else if machine.probed.success {
-            Programmed::Machine
+            ProgrammedPosition::Machine
         } else {
-            Programmed::Stays
+            ProgrammedPosition::Stays
         };
         self.continue_from(machine, programmed);
     }

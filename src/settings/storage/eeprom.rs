@@ -31,7 +31,7 @@ pub const EEPROM_KIB: usize = 8;
 pub const SMALL_EEPROM_KIB: usize = 4;
 
 /// The bit of the length of a copy that is marked as older.
-const OLD: u16 = 1 << 15;
+const OLDER_COPY: u16 = 1 << 15;
 /// Bytes of the number and the length, and of the checksum.
 const HEADER_BYTES: usize = 6;
 const CHECKSUM_BYTES: usize = 4;
@@ -420,7 +420,7 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
     /// Marks a copy that is older than another one. Where that fails, the next start does it.
     fn mark_old(&mut self, index: usize, copy: StoredCopy) {
         let (address, _) = Self::place(index, copy.is_second);
-        let [_, high] = (copy.length | OLD).to_le_bytes();
+        let [_, high] = (copy.length | OLDER_COPY).to_le_bytes();
         let place = address + HEADER_BYTES as u16 - 1;
         let _ = self.eeprom.write(place, &[high]);
     }
@@ -436,8 +436,8 @@ impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
         self.eeprom.read(address, &mut header)?;
         let [a, b, c, d, low, high] = header;
         let length = u16::from_le_bytes([low, high]);
-        let is_old = length & OLD != 0;
-        let length = length & !OLD;
+        let is_old = length & OLDER_COPY != 0;
+        let length = length & !OLDER_COPY;
         header[HEADER_BYTES - 1] = length.to_le_bytes()[1];
         let end = HEADER_BYTES + usize::from(length);
         if end + CHECKSUM_BYTES > bytes || usize::from(length) > RECORD_BYTES {
@@ -569,7 +569,7 @@ const fn record_index(index: usize) -> usize {
 }
 
 /// The keys in the record of generations for both halves of the bits of the records that were stored once.
-const PRESENT: [u8; 2] = [0x40, 0x41];
+const PRESENT_KEYS: [u8; 2] = [0x40, 0x41];
 
 fn read_present(contents: &[u8]) -> u64 {
     let entries = contents.as_chunks::<5>().0;
@@ -577,14 +577,14 @@ fn read_present(contents: &[u8]) -> u64 {
         let entry = entries.iter().find(|entry| entry[0] == key);
         entry.map_or(0, |[_, half @ ..]| u64::from(u32::from_le_bytes(*half)))
     };
-    PRESENT
+    PRESENT_KEYS
         .into_iter()
         .rev()
         .fold(0, |bits, key| bits << 32 | half(key))
 }
 
 fn write_present(present: u64, record: &mut Record) -> Result<(), StoreError> {
-    for (key, half) in PRESENT.into_iter().zip([present, present >> 32]) {
+    for (key, half) in PRESENT_KEYS.into_iter().zip([present, present >> 32]) {
         record.append(&[key])?;
         record.append(&(half as u32).to_le_bytes())?;
     }

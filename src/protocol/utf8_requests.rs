@@ -8,20 +8,20 @@ use super::{ByteCount, realtime::LAST_REQUEST};
 use crate::model::{Requests, queues::RECEIVED_RING};
 
 /// First byte of U+0080 to U+00BF.
-pub(super) const LATIN: u8 = 0xc2;
+pub(super) const LATIN_1_LEAD: u8 = 0xc2;
 
 /// Periods of the timer of `inputs` after which the line counts as silent: 100 ms, and 25 ms at least where contacts
 /// are being sampled.
 const SILENT_PERIODS: u8 = 100;
 
 /// Returns whether U+0080 to U+00BF, by its second byte, is a request; `is_first` in front of anything else of its line.
-pub(super) const fn is_form(byte: u8, is_first: bool) -> bool {
+pub(super) const fn is_utf8_request(byte: u8, is_first: bool) -> bool {
     matches!(byte, 0x80..=0x9f) || is_first && matches!(byte, 0xa0..=LAST_REQUEST)
 }
 
 /// What has come since the last look.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Seen {
+pub struct NewBytes {
     /// Requests, which have been made.
     pub has_requests: bool,
     /// Text other than ASCII, whose bytes release nobody.
@@ -30,7 +30,7 @@ pub struct Seen {
 
 /// The watch of `idle` over the received bytes.
 #[derive(Debug, Default)]
-pub struct FormWatch {
+pub struct Utf8RequestWatch {
     /// Number of the next byte.
     next: usize,
     /// Periods since a byte came.
@@ -39,7 +39,7 @@ pub struct FormWatch {
     fresh: usize,
 }
 
-impl FormWatch {
+impl Utf8RequestWatch {
     /// Returns a watch that has not looked.
     #[must_use]
     pub const fn new() -> Self {
@@ -51,8 +51,8 @@ impl FormWatch {
     }
 
     /// Takes a look, so many periods after the last one, and makes the requests that have come.
-    pub fn look(&mut self, periods: u8, received: ByteCount<'_>, requests: &Requests) -> Seen {
-        let mut seen = Seen::default();
+    pub fn look(&mut self, periods: u8, received: ByteCount<'_>, requests: &Requests) -> NewBytes {
+        let mut seen = NewBytes::default();
         let written = received.enqueued();
         self.silent = self.silent.saturating_add(periods);
         if written == self.next {
@@ -73,8 +73,8 @@ impl FormWatch {
             let byte = received.byte(number);
             if !byte.is_ascii() {
                 seen.has_text = true;
-                if self.is_form(number, byte, received) {
-                    if !requests.accept_form(byte, number.wrapping_add(1)) {
+                if self.is_utf8_request(number, byte, received) {
+                    if !requests.accept_utf8(byte, number.wrapping_add(1)) {
                         break;
                     }
                     seen.has_requests = true;
@@ -86,11 +86,11 @@ impl FormWatch {
     }
 
     /// Returns whether a byte ends a request.
-    fn is_form(&self, number: usize, byte: u8, received: ByteCount<'_>) -> bool {
+    fn is_utf8_request(&self, number: usize, byte: u8, received: ByteCount<'_>) -> bool {
         let (first, before) = (number.wrapping_sub(1), number.wrapping_sub(2));
         let is_first = first == self.fresh || received.byte(before) <= b'\r';
-        received.byte(first) == LATIN
-            && is_form(byte, is_first)
+        received.byte(first) == LATIN_1_LEAD
+            && is_utf8_request(byte, is_first)
             // What lies there now has been there all the time.
             && before.wrapping_sub(received.oldest_kept()) < RECEIVED_RING
     }
