@@ -77,7 +77,7 @@ fn a_probe_move_is_checked_as_grbl_does() {
         ("G38.2", LineError::FeedUndefined),
         ("G38.2F10", LineError::NoAxisWords),
         ("G38.2Z0F10", LineError::InvalidTarget),
-        ("G38.2Z-1F10P1", LineError::UnusedWords),
+        ("G38.2X1Z-1F10P1", LineError::UnusedWords),
     ] {
         assert_eq!(error(&[line]), error_of_line, "{line}");
     }

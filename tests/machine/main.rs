@@ -15,6 +15,7 @@ mod phases;
 mod post_processors;
 mod postponed;
 mod power;
+mod probed_zero;
 mod probing;
 mod refused_lines;
 mod spindle;

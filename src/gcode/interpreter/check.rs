@@ -394,7 +394,10 @@ fn check_motion(
         MotionMode::Probe(_) if checked.values == state.position => {
             return Err(LineError::InvalidTarget);
         }
-        MotionMode::Probe(probe) => checked.movement = Move::Probe(probe.probing()),
+        MotionMode::Probe(probe) => {
+            checked.movement = Move::Probe(probe.probing());
+            targets::set_contact(state, settings, parsed, unused, checked)?;
+        }
         MotionMode::Rapid | MotionMode::Linear if parsed.axes != 0 => {
             checked.movement = Move::Straight;
         }

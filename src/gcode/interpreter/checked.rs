@@ -77,6 +77,8 @@ pub(super) enum Action {
         number: NonZeroU8,
         diameter: Nm,
     },
+    /// `G38.n P`: the contact of the probing move gets this work coordinate.
+    SetAtContact { axis: usize, value: Nm },
     /// `G28`, `G30`.
     GoTo(StoredPosition),
     /// `G28.1`, `G30.1`.
@@ -123,7 +125,9 @@ impl Checked {
         self.answers_when_done()
             || self.changes_state
             || match self.action {
-                Action::None | Action::Dwell(_) | Action::GoTo(_) => false,
+                Action::None | Action::Dwell(_) | Action::SetAtContact { .. } | Action::GoTo(_) => {
+                    false
+                }
                 Action::SetOrigin(..)
                 | Action::SetTool { .. }
                 | Action::Store(_)

@@ -129,7 +129,7 @@ fn add_laser_power(checked: &Checked, outcome: &mut Outcome) {
 /// The command of modal group 0.
 fn execute_action(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     match checked.action {
-        Action::None | Action::Dwell(_) => {}
+        Action::None | Action::Dwell(_) | Action::SetAtContact { .. } => {}
         Action::SetOrigin(..) | Action::Store(_) => {
             if let Some(origins) = state.origins_after(checked) {
                 state.offsets.origins = origins;

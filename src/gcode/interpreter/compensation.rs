@@ -266,6 +266,7 @@ impl Checked {
             Action::None | Action::Dwell(_) => true,
             Action::SetOrigin(..)
             | Action::SetTool { .. }
+            | Action::SetAtContact { .. }
             | Action::GoTo(_)
             | Action::Store(_)
             | Action::SetOffset

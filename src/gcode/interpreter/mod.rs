@@ -199,6 +199,7 @@ impl Interpreter {
         match checked.action {
             Action::None
             | Action::Dwell(_)
+            | Action::SetAtContact { .. }
             | Action::GoTo(_)
             | Action::SetTool { .. }
             | Action::SetOffset
@@ -212,6 +213,19 @@ impl Interpreter {
             Action::Store(StoredPosition::G28) => origins.g28 = self.position,
             Action::Store(StoredPosition::G30) => origins.g30 = self.position,
         }
+        Some(origins)
+    }
+
+    /// Returns the offsets and stored positions after the contact of a line that has been committed and probes
+    /// with a `P`, by the machine position of the contact.
+    #[must_use]
+    pub fn origins_after_contact(&self, checked: &Checked, contact: &Axes<Nm>) -> Option<Origins> {
+        let Action::SetAtContact { axis, value } = checked.action else {
+            return None;
+        };
+        let mut origins = self.offsets.origins;
+        let origin = &mut origins.coordinates[self.modal.coordinates];
+        *origin = targets::origin_with(origin, &self.frame, contact, (axis, value));
         Some(origins)
     }
 

@@ -1,6 +1,11 @@
 //! Axis words to coordinates: targets of moves, origins, offsets.
 
-use super::{Checked, Interpreter, check::MM_PER_INCH, home, offsets::Frame};
+use super::{
+    Action, Checked, Interpreter,
+    check::{MM_PER_INCH, check_position},
+    home,
+    offsets::Frame,
+};
 use crate::{
     axis::{AXES, Axes, X, Y, Z},
     decimal::Decimal,
@@ -106,14 +111,63 @@ pub(super) fn new_origin(
             Nm(0)
         }
     });
-    let mut values = origin.zip(moved, |origin, moved| origin + moved);
+    (moved_origin(&origin, &frame, &moved), rotation)
+}
+
+/// Returns an origin that is moved by work coordinates.
+fn moved_origin(origin: &Axes<Nm>, frame: &Frame, moved: &Axes<Nm>) -> Axes<Nm> {
+    let mut values = origin.zip(*moved, |origin, moved| origin + moved);
     if !frame.rotation.is_none() {
         let rotated = frame.rotation.rotate([moved[X], moved[Y]]);
         for (axis, rotated) in [X, Y].into_iter().zip(rotated) {
             values[axis] = origin[axis] + rotated;
         }
     }
-    (values, rotation)
+    values
+}
+
+/// Returns the origin with which a machine position has a work coordinate.
+pub(super) fn origin_with(
+    origin: &Axes<Nm>,
+    frame: &Frame,
+    machine: &Axes<Nm>,
+    (axis, value): (usize, Nm),
+) -> Axes<Nm> {
+    let mut moved = Axes::all(Nm(0));
+    moved[axis] = frame.work_position(machine)[axis] - value;
+    moved_origin(origin, frame, &moved)
+}
+
+/// `G38.n P`: the work coordinate that the contact is to get, of the one axis that the move names. A `P` of
+/// another command of the line is not for the probe.
+///
+/// # Errors
+/// 33 where the origin would be too far.
+pub(super) fn set_contact(
+    state: &Interpreter,
+    settings: &Settings,
+    parsed: &ParsedLine,
+    unused: &mut Words,
+    checked: &mut Checked,
+) -> Result<(), LineError> {
+    let is_for_probe = unused.contains(Word::P)
+        && !parsed.has_path_tolerance()
+        && checked.action == Action::None
+        && parsed.axes.is_power_of_two();
+    if !is_for_probe {
+        return Ok(());
+    }
+    unused.remove(Word::P);
+    let axis = parsed.axes.trailing_zeros() as usize;
+    let value = length_along(parsed, axis, parsed.p);
+    let frame = frame(state, checked);
+    let origin = state.offsets.origin(checked.modal.coordinates);
+    // The contact comes between these.
+    for end in [&state.position, &checked.values] {
+        check_position(settings, &origin_with(&origin, &frame, end, (axis, value)))?;
+    }
+    checked.action = Action::SetAtContact { axis, value };
+    Ok(())
 }
 
 /// Returns the new offset of `G92`: with it the values are the present work position.
@@ -247,7 +301,10 @@ fn single_coordinate(parsed: &ParsedLine, axis: usize) -> f32 {
 
 /// Returns an axis word in nm. Rotary axes have no inches.
 pub(super) fn coordinate(parsed: &ParsedLine, axis: usize) -> Nm {
-    let number: Decimal = parsed.coordinates[axis];
+    length_along(parsed, axis, parsed.coordinates[axis])
+}
+
+fn length_along(parsed: &ParsedLine, axis: usize, number: Decimal) -> Nm {
     Nm(match parsed.modal.units {
         Units::Inches if axis <= Z => number.inches_to_nm(),
         Units::Inches | Units::Millimetres => number.to_millionths(),

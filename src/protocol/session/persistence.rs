@@ -39,6 +39,8 @@ pub(super) enum AfterStore {
     Execute,
     /// The settings take effect; the answer.
     Configure,
+    /// The offsets take effect; the answer.
+    SetOrigins,
     /// Everything takes effect; a message, the answer and a reset.
     Restore,
 }
@@ -228,6 +230,21 @@ impl Session {
         }
     }
 
+    /// Stores the offset that the line wants set at the contact of its probing move, and then ends the line.
+    #[inline(never)]
+    pub(super) fn store_contact(&mut self, machine: &Snapshot) -> Progress {
+        let contact = self.settings().position_of(machine.probed.steps);
+        let checked = &self.line.checked;
+        match self.interpreter.origins_after_contact(checked, &contact) {
+            Some(origins) => {
+                self.store(machine, Change::Origins, AfterStore::SetOrigins, |stored| {
+                    stored.origins = origins;
+                })
+            }
+            None => self.accept(),
+        }
+    }
+
     /// Stores the tool that the line sets, and then executes the line.
     #[inline(never)]
     pub(super) fn store_new_tool(&mut self, machine: &Snapshot) -> Progress {
@@ -369,6 +386,12 @@ impl Session {
                 self.configure(links);
                 self.stage = LineStage::Completing(AfterCommands::Answer);
                 Progress::Again
+            }
+            AfterStore::SetOrigins => {
+                self.interpreter
+                    .set_origins(&self.persistence.stored.origins);
+                self.reports.cadence.offset_changed();
+                self.accept()
             }
             AfterStore::Restore => {
                 self.configure(links);

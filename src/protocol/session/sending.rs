@@ -232,7 +232,7 @@ impl Session {
                 }
                 report::feedback(&mut self.reports.message, feedback);
             }
-            AfterCommands::Probe => self.end_probing(machine),
+            AfterCommands::Probe => return self.end_probing(machine),
             AfterCommands::Miss => self.report_miss(machine),
             AfterCommands::Home { mask } => return self.end_homing(machine, mask),
             // `advance` calls what sends more commands.
@@ -244,8 +244,8 @@ impl Session {
     }
 
     /// Sets the position after a probing move: the position of the machine; the target, after a miss;
-    /// or the start, if the move has not been begun.
-    fn end_probing(&mut self, machine: &Snapshot) {
+    /// or the start, if the move has not been begun. Behind a contact the offset follows that is to be set there.
+    fn end_probing(&mut self, machine: &Snapshot) -> Progress {
         let programmed = if !self.probing.has_ended {
             ProgrammedPosition::At(self.probing.start)
         } else if machine.probed.success {
@@ -254,6 +254,11 @@ impl Session {
             ProgrammedPosition::Stays
         };
         self.continue_from(machine, programmed);
+        if self.probing.has_ended && machine.probed.success {
+            self.store_contact(machine)
+        } else {
+            self.accept()
+        }
     }
 
     /// Reports that a probing move without a step has missed. The position stays its target.

@@ -203,6 +203,9 @@ deviations! {
         "the speed of a spindle that turns changes in motion",
         "an `ok` that comes earlier after a line with an S, not in laser mode; and which report has `Ov` \
          after it";
+    ProbedValue: "D74", true,
+        "P in a probing move is the work coordinate of its contact",
+        "an answer other than `error:36` to a G38.2 to G38.5 with a P word";
 }
 
 impl Deviation {
@@ -218,6 +221,11 @@ const OUR_LINE: usize = 256;
 
 /// Why a line of G-code, without blanks and comments, may have another answer.
 pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviation> {
+    // What comes first may be the contact, or the alarm of a miss.
+    let probes = has_word(code, 'G', &[38.2, 38.3, 38.4, 38.5]);
+    if theirs == "error:36" && ours != theirs && probes && code.contains('P') {
+        return Some(Deviation::ProbedValue);
+    }
     let is_answer = ours == "ok" || ours.starts_with("error:");
     let is_read = code.len() > GRBL_LINE && code.len() <= OUR_LINE;
     if theirs == "error:11" && is_answer && is_read {
@@ -408,6 +416,8 @@ mod tests {
         assert_eq!(of_answers("G2X10I5.01", "ok", "error:33"), rounded);
         assert_eq!(of_answers("G2X10R4.999", "ok", "error:34"), rounded);
         assert_eq!(of_answers("G38.2X10", "ok", "error:33"), None);
+        let probed = of_answers("G38.2Z-9P1", "[PRB:0.000,0.000,-5.000:1]", "error:36");
+        assert_eq!(probed, Some(Deviation::ProbedValue));
         assert_eq!(of_answers("G0X2P1", "ok", "error:36"), None);
         assert_eq!(of_answers("G2X2I1P3", "error:33", "error:36"), None);
         let mist = Some(Deviation::Mist);

@@ -316,6 +316,11 @@ impl<'a> LineComparison<'a> {
             let reason = of_answers(&line, &our.text, "error:20");
             return reason.filter(|reason| *reason == Deviation::CannedCycles);
         }
+        // All that a probing move has to say.
+        let theirs = recorded.recv.first().map_or("", String::as_str);
+        if of_answers(&line, &our.text, theirs) == Some(Deviation::ProbedValue) {
+            return Some(Deviation::ProbedValue);
+        }
         let unanswered = !recorded
             .recv
             .iter()
