@@ -80,11 +80,14 @@ impl Watch {
         requests.press(changed & closed);
         let is_unconfirmed = inputs.is_probe_unconfirmed();
         let is_spike = is_unconfirmed && self.decide_contact(changed, inputs);
-        let limits = changed & (closed ^ inputs.inverted());
+        let made = changed & (closed ^ inputs.inverted());
+        if made.has(Levels::PROBE) {
+            requests.report_contact();
+        }
         SampleActions {
             sample_again: self.filter.change(self.raw) | is_unconfirmed,
             release_prepare: changed != Levels::NONE || is_spike,
-            halt_steps: limits.has(inputs.armed_limits()),
+            halt_steps: made.has(inputs.armed_limits()),
         }
     }
 

@@ -26,6 +26,8 @@ pub enum Alarm {
     HomingNotFound = 9,
     /// The second motor of an axis found no limit switch.
     HomingDualAxis = 10,
+    /// The probe made contact in a move that is no probing move.
+    UnexpectedContact = 13,
     /// The crystal does not run, or the supply is too low: nothing may move.
     SelfTest = 16,
     /// The watchdog or a fault has restarted the firmware.
@@ -36,7 +38,7 @@ pub enum Alarm {
 
 impl Alarm {
     /// Every alarm, in the order of the numbers.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::HardLimit,
         Self::SoftLimit,
         Self::ResetInMotion,
@@ -47,6 +49,7 @@ impl Alarm {
         Self::HomingPullOff,
         Self::HomingNotFound,
         Self::HomingDualAxis,
+        Self::UnexpectedContact,
         Self::SelfTest,
         Self::Restarted,
         Self::Killed,
@@ -62,7 +65,11 @@ impl Alarm {
     #[must_use]
     pub const fn keeps_position(self) -> bool {
         match self {
-            Self::SoftLimit | Self::ProbeState | Self::ProbeContact | Self::Killed => true,
+            Self::SoftLimit
+            | Self::ProbeState
+            | Self::ProbeContact
+            | Self::UnexpectedContact
+            | Self::Killed => true,
             Self::HardLimit
             | Self::ResetInMotion
             | Self::HomingReset
@@ -89,6 +96,7 @@ impl Alarm {
             Self::HomingPullOff => "homing failed: the switch stayed closed after the pull-off",
             Self::HomingNotFound => "homing failed: no limit switch was found",
             Self::HomingDualAxis => "homing failed: the second motor found no limit switch",
+            Self::UnexpectedContact => "the probe made contact outside of a probing move",
             Self::SelfTest => "the self-test at power-up failed: crystal, supply, chip or firmware",
             Self::Restarted => "restarted by the watchdog or after a fault: the position is lost",
             Self::Killed => "stopped by M112",
@@ -112,7 +120,10 @@ mod tests {
 
     #[test]
     fn alarms_have_grbls_numbers_and_a_text_of_one_line() {
-        for (alarm, number) in Alarm::ALL.into_iter().zip((1..=10).chain([16, 200, 201])) {
+        for (alarm, number) in Alarm::ALL
+            .into_iter()
+            .zip((1..=10).chain([13, 16, 200, 201]))
+        {
             assert_eq!(alarm.number(), number);
             assert_eq!(alarm.to_string(), std::format!("ALARM:{number}"));
             assert!(!alarm.text().is_empty() && !alarm.text().contains('\n'));

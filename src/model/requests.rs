@@ -79,6 +79,8 @@ pub struct Requests {
     start: AtomicBool,
     /// 0x80 to 0x87, of which 0x84 and 0x85 mean something: cleared by `prepare`.
     stops: [AtomicBool; 8],
+    /// The probe has made contact: cleared by `prepare`.
+    contact: AtomicBool,
     /// End of the delay that `prepare` asked for: cleared by `prepare`.
     delay_end: AtomicBool,
     /// A task waits for the notice of a standstill: cleared by `prepare`.
@@ -123,6 +125,7 @@ impl Requests {
             line_break: AtomicBool::new(false),
             start: AtomicBool::new(false),
             stops: [const { AtomicBool::new(false) }; 8],
+            contact: AtomicBool::new(false),
             delay_end: AtomicBool::new(false),
             standstill: AtomicBool::new(false),
             start_mark: AtomicU32::new(0),
@@ -196,6 +199,18 @@ impl Requests {
     #[must_use]
     pub fn take_jog_cancel(&self) -> bool {
         take(&self.stops[JOG_CANCEL])
+    }
+
+    /// Signals a contact of the probe; for `inputs` alone.
+    pub(crate) fn report_contact(&self) {
+        set(&self.contact);
+        add_one(&self.count);
+    }
+
+    /// Takes the signal that the probe has made contact.
+    #[must_use]
+    pub fn take_contact(&self) -> bool {
+        take(&self.contact)
     }
 
     /// Signals the end of the delay that `prepare` asked for; for its platform alone.

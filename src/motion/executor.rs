@@ -22,7 +22,7 @@ use super::{
 use crate::stepper::{ArcSteps, StepArc};
 use crate::{
     axis::{AXES, Axes},
-    math::WHOLE_Q31,
+    math::{self, WHOLE_Q31},
     model::{Laser, Power},
     path::{Block, Curve, Shape, SpatialArc},
     stepper::{AxisMotion, Segment},
@@ -157,6 +157,22 @@ impl Executor {
     #[inline]
     pub(super) fn is_moving(&self) -> bool {
         self.speed_mm_s > 0.0 || self.average_moves
+    }
+
+    /// Returns the steps that are left of the block in execution, of the axis that makes most; of an arc about.
+    pub(super) fn steps_left(&self, block: &Block) -> f32 {
+        let whole = if self.is_begun {
+            self.remaining
+        } else {
+            WHOLE_Q31
+        };
+        let left_mm = block.length_mm * (whole as f32 / WHOLE_Q31 as f32);
+        let mut per_mm = 0.0;
+        // wcet-bound: axes
+        for axis in &block.steps_per_mm {
+            per_mm = math::max(per_mm, axis.abs());
+        }
+        left_mm * per_mm
     }
 
     /// Drops the remainder of the block in execution. At standstill, or in a fault.

@@ -97,6 +97,10 @@ pub struct Motion<const ROOM: usize = BLOCKS> {
     hard_limits: bool,
     /// `$777`.
     probing_alarm_switches_off: bool,
+    /// `$798`.
+    stops_at_contact: bool,
+    /// A probing move has ended with a contact of the probe: it works.
+    has_probed: bool,
     /// `$794`.
     #[cfg(arc_machine)]
     runs_stored_program: bool,
@@ -203,6 +207,8 @@ impl<const ROOM: usize> Motion<ROOM> {
             average: MovingAverage::new(),
             hard_limits: false,
             probing_alarm_switches_off: false,
+            stops_at_contact: false,
+            has_probed: false,
             #[cfg(arc_machine)]
             runs_stored_program: false,
             plan: LookAhead::with_room(),
@@ -265,6 +271,7 @@ impl Motion {
         self.delays.configure(settings);
         self.hard_limits = settings.hard_limits;
         self.probing_alarm_switches_off = settings.probing_alarm_switches_off;
+        self.stops_at_contact = settings.stops_at_contact;
         #[cfg(arc_machine)]
         {
             self.runs_stored_program = settings.runs_stored_program;

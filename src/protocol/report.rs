@@ -268,6 +268,8 @@ pub enum Feedback {
     /// A line of the stored program was refused.
     #[cfg(arc_machine)]
     StoredProgramRefused,
+    /// The probe has made contact in another move than a probing one.
+    UnexpectedContact,
     /// A feed move with the spindle on at speed 0.
     NoSpindleSpeed,
     /// A feed move after a change of the tool, with the spindle off.
@@ -301,6 +303,7 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::ArcOffSteps => "Arc not on steps",
         #[cfg(arc_machine)]
         Feedback::StoredProgramRefused => "The stored program cannot run here",
+        Feedback::UnexpectedContact => "Probe contact outside of a probing move",
         Feedback::NoSpindleSpeed => "Spindle speed is 0",
         Feedback::SpindleOff => "Spindle is off",
         Feedback::StoredLater => "Stored when idle with the spindle off",

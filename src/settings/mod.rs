@@ -144,6 +144,8 @@ settings! {
     shortens_jogs: bool = false,
     /// `$796` Whether the line behind a refused one waits for cycle start.
     holds_after_refusal: bool = false,
+    /// `$798` Whether a contact of the probe outside of a probing move stops the machine, once the probe has worked.
+    stops_at_contact: bool = true,
     /// `$21` Hard limits.
     hard_limits: bool = false,
     /// `$22` Homing cycle: bit 0 on, bit 3 zero is where it ends.

@@ -25,3 +25,4 @@ mod stored_program;
 mod support;
 mod text;
 mod tools;
+mod unexpected_contact;

@@ -76,6 +76,11 @@ impl ProbingCycle {
         Levels::limits(self.axes)
     }
 
+    /// Whether a limit switch ends the move, and not the probe.
+    pub(crate) const fn awaits_a_switch(&self) -> bool {
+        self.axes != 0
+    }
+
     /// Whether the contact has come, so that the remainder of the move is not executed for now.
     pub(crate) const fn is_stopping(&self) -> bool {
         self.is_stopping
@@ -83,13 +88,12 @@ impl ProbingCycle {
 
     /// Whether the contact has come, at a position that is not known yet, or was a spike.
     pub(crate) fn has_latched(&self, inputs: &Inputs) -> bool {
-        let is_switch = self.axes != 0;
-        !(is_switch && self.is_stopping) && self.latched != self.latched_output(inputs)
+        !(self.awaits_a_switch() && self.is_stopping) && self.latched != self.latched_output(inputs)
     }
 
     /// Returns the number of events output when the contact came, if it has.
     pub(crate) fn latched_output(&self, inputs: &Inputs) -> Option<u32> {
-        if self.axes == 0 {
+        if !self.awaits_a_switch() {
             return inputs.probe_latch();
         }
         let closed = inputs.active() & self.switches();
@@ -114,7 +118,7 @@ impl ProbingCycle {
 
     /// Returns what the move has come to at rest; `is_done` tells that nothing of it is left.
     pub(crate) fn at_rest(&mut self, is_done: bool, inputs: &Inputs) -> ProbingState {
-        let is_confirmed = self.axes != 0 || inputs.is_probe_confirmed();
+        let is_confirmed = self.awaits_a_switch() || inputs.is_probe_confirmed();
         match self.contact {
             Some(_) if is_confirmed => ProbingState::Ended,
             Some(_) => ProbingState::Undecided,

@@ -149,6 +149,7 @@ impl Motion {
             && cycle.at_rest(is_done, inputs) == ProbingState::Ended
         {
             let alarm = cycle.finish(self.generator.steps(), &mut self.published.probed);
+            self.has_probed |= self.published.probed.success && !cycle.awaits_a_switch();
             self.end_probe(alarm);
         }
     }

@@ -206,7 +206,7 @@ impl Motion {
 
     /// Whether the last segment is not finished, or is none of standstill.
     #[inline]
-    const fn is_in_motion(&self) -> bool {
+    pub(super) const fn is_in_motion(&self) -> bool {
         self.generator.is_open() || self.queue.standstill.is_none()
     }
 }

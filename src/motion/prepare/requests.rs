@@ -33,11 +33,14 @@ impl Motion {
         if is_hold {
             self.transition(Event::FeedHold);
         }
-        if is_door {
+        let is_contact = requests.take_contact() && self.is_stopped_by_contact();
+        if is_contact {
+            self.alarm(Alarm::UnexpectedContact);
+        } else if is_door {
             self.open_door();
         }
         // Of requests at the same time the one that stops counts, as in Grbl: it is the safe one.
-        if is_start && !is_hold && !is_door && !is_cancel {
+        if is_start && !is_hold && !is_door && !is_cancel && !is_contact {
             if self.control.state == State::Tool {
                 self.published.tool_marks.end = requests.start_mark();
             }
@@ -48,6 +51,27 @@ impl Motion {
             self.transition(Event::CycleStart);
         }
         self.apply_state();
+    }
+
+    /// Whether a contact of the probe stops the machine: in a move that is no probing move, with a step left at least.
+    /// What has been probed may be gone to.
+    fn is_stopped_by_contact(&self) -> bool {
+        let may_stop = self.stops_at_contact
+            && self.has_probed
+            && matches!(self.activity, Activity::Path)
+            && matches!(
+                self.control.state,
+                State::Run | State::Jog | State::HoldSlowing
+            );
+        may_stop && self.is_in_motion() && self.has_steps_left()
+    }
+
+    /// Whether a whole step of the plan is still to be made into a segment.
+    fn has_steps_left(&self) -> bool {
+        match self.plan.current() {
+            Some(block) if self.plan.len() == 1 => self.executor.steps_left(block) >= 1.0,
+            current => current.is_some(),
+        }
     }
 
     pub(super) fn open_door(&mut self) {
@@ -214,14 +238,15 @@ impl Motion {
         self.transition(Event::Alarm);
         self.published.notices.push(Notice::Alarm(alarm));
         self.cancel_pause();
-        self.delays.disables_drivers = true;
+        // The position is kept: nothing may turn by itself.
+        self.delays.disables_drivers |= alarm != Alarm::UnexpectedContact;
         match alarm {
             Alarm::ProbeState | Alarm::ProbeContact => {
                 if self.probing_alarm_switches_off {
                     self.accessories.switch_off();
                 }
             }
-            Alarm::HardLimit | Alarm::SoftLimit | Alarm::Killed => {
+            Alarm::HardLimit | Alarm::SoftLimit | Alarm::UnexpectedContact | Alarm::Killed => {
                 self.accessories.switch_off();
                 self.faults.is_critical = true;
             }

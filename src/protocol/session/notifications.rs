@@ -145,6 +145,7 @@ impl Session {
                         }
                     }
                     Alarm::Restarted => report::restarted(text, self.reset_cause),
+                    Alarm::UnexpectedContact => report::feedback(text, Feedback::UnexpectedContact),
                     _ => {}
                 }
                 if machine.is_critical {

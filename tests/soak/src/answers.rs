@@ -4,7 +4,7 @@ use grbl_client::Report;
 use leadscrew::{axis::AXES, gcode::LineError, model::Alarm, settings::Setting};
 
 /// What a message may tell.
-const MESSAGES: [&str; 30] = [
+const MESSAGES: [&str; 31] = [
     "Reset to continue",
     "Compensation waits for the next move",
     "'$H'|'$X' to unlock",
@@ -22,6 +22,7 @@ const MESSAGES: [&str; 30] = [
     "Waiting for spindle",
     "Sleeping",
     "Arc not on steps",
+    "Probe contact outside of a probing move",
     "Spindle is off",
     "Spindle speed is 0",
     "Stored when idle with the spindle off",
