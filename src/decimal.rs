@@ -323,6 +323,18 @@ impl Decimal {
         self.scaled(1, 6)
     }
 
+    /// The value as `to_whole` rounds it, but 1 where it is above 0 and would become 0: a time that is short is not
+    /// left out.
+    #[must_use]
+    pub fn at_least_one(self, to_whole: fn(Self) -> i64) -> i64 {
+        let whole = to_whole(self);
+        if whole == 0 && self.mantissa > 0 {
+            1
+        } else {
+            whole
+        }
+    }
+
     /// The value of inches in nm, rounded half away from zero, within ±[`Self::CONVERSION_LIMIT`].
     #[must_use]
     pub fn inches_to_nm(self) -> i64 {
@@ -371,6 +383,12 @@ impl Decimal {
         self.mantissa as f32 / power(self.decimals) as f32
     }
 
+    /// The value in double precision: exact to its sixteenth digit.
+    #[must_use]
+    pub fn to_f64(self) -> f64 {
+        self.mantissa as f64 / f64::from(power(self.decimals))
+    }
+
     /// The value as Grbl 1.1 computes it in single precision: eight digits at most, scaled down by
     /// hundredths and a tenth. It decides only between equally near steps.
     #[must_use]
@@ -404,19 +422,16 @@ impl Decimal {
         }
     }
 
-    /// The value in millionths, without the fraction of a millionth, within ±[`Self::CONVERSION_LIMIT`].
+    /// The value in hundredths; `None` where that is no whole number.
     #[must_use]
-    pub fn truncated_millionths(self) -> i64 {
-        match self.decimals.checked_sub(6) {
-            Some(excess) => divide(self.mantissa, excess).0,
-            None => self.to_millionths(),
+    pub fn hundredths(self) -> Option<i64> {
+        match self.decimals.checked_sub(2) {
+            Some(excess) => {
+                let (whole, rest) = divide(self.mantissa, excess);
+                (rest == 0).then_some(whole)
+            }
+            None => Some(self.scaled(1, 2)),
         }
-    }
-
-    /// Whether decimals are written, be they 0.
-    #[must_use]
-    pub const fn has_decimals(self) -> bool {
-        self.decimals != 0
     }
 
     /// Whether the value has no fraction.

@@ -69,21 +69,35 @@ fn coordinates_round_half_away_from_zero_at_one_nanometre() {
 }
 
 #[test]
-fn digits_behind_the_sixth_decimal_are_cut_off_where_that_is_asked_for() {
-    for (text, millionths) in [
-        ("3", 3_000_000),
-        (".25", 250_000),
-        ("-0.5", -500_000),
-        ("250.0000019", 250_000_001),
-        ("-250.0000019999", -250_000_001),
+fn hundredths_are_whole_or_none() {
+    for (text, hundredths) in [
+        ("3", Some(300)),
+        ("38.2", Some(3820)),
+        ("-0.5", Some(-50)),
+        ("59.100000000", Some(5910)),
+        ("59.100000001", None),
+        ("1.001", None),
     ] {
-        assert_eq!(number(text).truncated_millionths(), millionths, "{text}");
+        assert_eq!(number(text).hundredths(), hundredths, "{text}");
     }
-    let digits = "9".repeat(250);
-    assert_eq!(
-        number(&digits).truncated_millionths(),
-        Decimal::CONVERSION_LIMIT
-    );
+    let digits = number(&"9".repeat(250));
+    assert_eq!(digits.hundredths(), Some(Decimal::CONVERSION_LIMIT));
+}
+
+#[test]
+fn a_short_time_is_not_left_out() {
+    for (text, thousandths) in [
+        ("0", 0),
+        ("0.000000001", 1),
+        ("0.0004", 1),
+        ("0.0014", 1),
+        ("0.0016", 2),
+        ("-0.0004", 0),
+        ("-1", -1000),
+    ] {
+        let time = number(text).at_least_one(Decimal::to_thousandths);
+        assert_eq!(time, thousandths, "{text}");
+    }
 }
 
 #[test]
@@ -134,7 +148,7 @@ proptest! {
             (!general.is_negative()).then(|| general.to_f32().to_bits())
         );
         let natural = decimal.natural().map(i64::from);
-        let is_natural = !general.has_decimals() && !general.is_negative();
+        let is_natural = decimal.decimals == 0 && !general.is_negative();
         prop_assert_eq!(natural, is_natural.then(|| general.trunc()));
     }
 

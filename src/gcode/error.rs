@@ -221,7 +221,7 @@ impl LineError {
             Self::Unsupported => "this command or word is not supported",
             Self::ModalGroupViolation => "two commands of one modal group",
             Self::FeedUndefined => "the feed rate is not set",
-            Self::NotInteger => "this command number must be whole",
+            Self::NotInteger => "this number must be whole",
             Self::AxisCommandConflict => "two commands want the axis words",
             Self::RepeatedWord => "a word is given twice",
             Self::NoAxisWords => "the command needs axis words",

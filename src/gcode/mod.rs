@@ -18,6 +18,7 @@ pub use modal::{
     ArcDistance, CompensationMode, Cycle, Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode,
     RetractMode, ToolLength, Units,
 };
+use modal::{FEEDS_MM_MIN, INVERSE_TIMES};
 use parsed_line::tool_number;
 pub use parsed_line::{
     AxisCommand, NonModal, ParsedLine, StoredPosition, SwitchedOverride, ToolCommand,

@@ -1,8 +1,16 @@
 //! The modal state: modes and values that hold for the lines after a line, too.
 
+use core::ops::RangeInclusive;
+
 use crate::model::{
     Coolant, OverrideSwitches, PathControl, Plane, Probing, Rotation, Spindle, WorkCoordinates,
 };
+
+/// The feeds that there are, mm/min or degrees/min: from Grbl's slowest to where single precision has every
+/// whole number.
+pub(super) const FEEDS_MM_MIN: RangeInclusive<f32> = 1.0..=1.0e7;
+/// The feeds of [`FeedMode::InverseTime`], 1/min: up to the longest dwell.
+pub(super) const INVERSE_TIMES: RangeInclusive<f32> = 60_000.0 / u32::MAX as f32..=1.0e7;
 
 /// The modes and values that stay until they are changed. The default is the power-up state.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

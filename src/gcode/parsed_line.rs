@@ -6,8 +6,8 @@
 mod code_words;
 
 use super::{
-    CodeNumber, CompensationMode, FeedMode, Flow, LineError, Modal, MotionMode, PlainPrefix,
-    ToolLength, Units, Word, WordReader, Words,
+    CodeNumber, CompensationMode, FEEDS_MM_MIN, FeedMode, Flow, LineError, Modal, MotionMode,
+    PlainPrefix, ToolLength, Units, Word, WordReader, Words,
 };
 use crate::{
     axis::{AXES, Axes, LETTERS},
@@ -349,10 +349,10 @@ impl ParsedLine {
         Ok(())
     }
 
-    /// `L` of `G10`: Grbl keeps it in eight bits, so `L258` is `L2`.
+    /// `L` of `G10`, without its fraction; [`u8::MAX`], which is none, for what eight bits cannot hold.
     #[must_use]
     pub fn subcode(&self) -> u8 {
-        self.l.trunc() as u8
+        u8::try_from(self.l.trunc()).unwrap_or(u8::MAX)
     }
 
     /// A length in the units of the line.
@@ -394,7 +394,7 @@ impl ParsedLine {
             b'P' => self.p = number,
             b'Q' => self.q = number,
             b'R' => self.radius = number,
-            b'S' => self.modal.speed_rpm = number.to_f32(),
+            b'S' => self.modal.speed_rpm = speed(number)?,
             b'T' => self.modal.tool = tool_number(number)?,
             _ => return Err(LineError::Unsupported),
         }
@@ -439,15 +439,25 @@ impl ParsedLine {
     }
 }
 
-/// Returns the number of a tool, without its fraction; 0 for a negative one, which is an error elsewhere.
+/// Returns the speed of an `S`: as far as a feed goes, every whole number is one in single precision.
+fn speed(number: Decimal) -> Result<f32, LineError> {
+    let rpm = number.to_f32();
+    if rpm > *FEEDS_MM_MIN.end() {
+        return Err(LineError::ValueOutOfRange);
+    }
+    Ok(rpm)
+}
+
+/// Returns the number of a tool; 0 for a negative one, which is an error elsewhere.
 ///
 /// # Errors
-/// [`LineError::UnknownTool`].
+/// [`LineError::NotInteger`] and [`LineError::UnknownTool`].
 pub(super) fn tool_number(number: Decimal) -> Result<u8, LineError> {
-    match u8::try_from(number.trunc()) {
-        Ok(u8::MAX) if !number.is_whole() => Err(LineError::UnknownTool),
-        Ok(tool) => Ok(tool),
-        Err(_) if number.is_negative() => Ok(0),
-        Err(_) => Err(LineError::UnknownTool),
+    if number.is_negative() {
+        return Ok(0);
     }
+    if !number.is_whole() {
+        return Err(LineError::NotInteger);
+    }
+    u8::try_from(number.trunc()).map_err(|_| LineError::UnknownTool)
 }

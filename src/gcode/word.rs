@@ -103,7 +103,7 @@ impl Words {
 pub struct CodeNumber {
     /// The whole part. Grbl keeps it in eight bits and finds the rest in the fraction.
     pub whole: u8,
-    /// The fraction in hundredths, rounded; 100 where the number is no command number at all.
+    /// The fraction in hundredths; 100 where the number is no command number at all.
     pub hundredths: u8,
 }
 
@@ -111,31 +111,17 @@ impl CodeNumber {
     /// Hundredths that no command has.
     const NONE: u8 = 100;
 
-    /// A number as the number of a command, in the single precision of Grbl: it decides whether half
-    /// a hundredth counts.
+    /// A number as the number of a command: no digit behind hundredths counts for nothing.
     #[must_use]
     pub fn of(number: Decimal) -> Self {
-        if !number.has_decimals() {
-            let whole = number.trunc();
-            let is_code = u8::try_from(whole).is_ok();
-            return Self {
-                whole: whole as u8,
-                hundredths: if is_code { 0 } else { Self::NONE },
-            };
-        }
-        let value = number.to_grbl_f32();
-        let whole = value as i32;
-        let hundredths = 100.0 * (value - whole as f32);
-        let is_code = u8::try_from(whole).is_ok() && hundredths >= 0.0;
-        let below = hundredths as u8;
-        let rounds_up = hundredths - f32::from(below) >= 0.5;
+        let whole = number.trunc();
+        let hundredths = match (u8::try_from(whole), number.hundredths()) {
+            (Ok(whole), Some(all)) => all - 100 * i64::from(whole),
+            (_, _) => -1,
+        };
         Self {
             whole: whole as u8,
-            hundredths: if is_code {
-                below + u8::from(rounds_up)
-            } else {
-                Self::NONE
-            },
+            hundredths: u8::try_from(hundredths).unwrap_or(Self::NONE),
         }
     }
 
@@ -151,27 +137,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn codes_wrap_as_in_grbl() {
+    fn codes_have_hundredths_and_wrap_as_in_grbl() {
         for (text, whole, hundredths) in [
             ("38.2", 38, 20),
             ("38.25", 38, 25),
             ("1.999", 1, 100),
-            ("0.004", 0, 0),
+            ("0.004", 0, 100),
             ("21.0", 21, 0),
             ("256", 0, 100),
             ("257", 1, 100),
             ("-1", 255, 100),
             ("-0.5", 0, 100),
             ("-0", 0, 0),
-            ("3.005", 3, 0),
-            ("0.005", 0, 1),
-            ("17.005", 17, 1),
-            ("1.005", 1, 0),
-            ("28.095", 28, 9),
-            ("38.195", 38, 19),
-            ("43.105", 43, 10),
-            ("3.006", 3, 1),
-            ("1.99999999", 2, 0),
+            ("21.000000000", 21, 0),
+            ("59.10", 59, 10),
+            ("59.100000001", 59, 100),
+            ("3.005", 3, 100),
+            ("1.99999999", 1, 100),
+            ("99999999999999999999", 255, 100),
+            ("99999999999.5", 255, 100),
         ] {
             let (number, _) = Decimal::parse(text.as_bytes()).unwrap();
             let code = CodeNumber::of(number);

@@ -51,8 +51,10 @@ pub struct Block {
     pub line: u32,
 }
 
-/// Lowest nominal speed, mm/s: Grbl's `MINIMUM_FEED_RATE` of 1 mm/min.
+/// Lowest nominal speed of what is not programmed more slowly, mm/s: Grbl's `MINIMUM_FEED_RATE` of 1 mm/min.
 pub(crate) const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
+/// Lowest speed of a move that takes a time, mm/s: a nanometre in the longest one.
+pub(crate) const LEAST_IN_A_TIME_MM_S: f32 = 1.0e-3 / u32::MAX as f32;
 
 impl Block {
     /// Returns the nominal speed under overrides, mm/s.
@@ -64,7 +66,8 @@ impl Block {
             MoveKind::Feed => self.programmed_mm_s * (0.01 * f32::from(overrides.feed)),
             MoveKind::Fixed | MoveKind::Jog => self.programmed_mm_s,
         };
-        math::min(math::max(speed_mm_s, MIN_SPEED_MM_S), self.limit_mm_s)
+        let least_mm_s = math::min(MIN_SPEED_MM_S, self.programmed_mm_s);
+        math::min(math::max(speed_mm_s, least_mm_s), self.limit_mm_s)
     }
 }
 

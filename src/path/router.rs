@@ -21,7 +21,10 @@ pub(crate) use self::limits::Limits;
 
 use core::f32::consts::FRAC_1_SQRT_2;
 
-use super::{BlendOutput, Blender, Block, Curve, MoveKind, Work, block::MIN_SPEED_MM_S};
+use super::{
+    BlendOutput, Blender, Block, Curve, MoveKind, Work,
+    block::{LEAST_IN_A_TIME_MM_S, MIN_SPEED_MM_S},
+};
 use crate::{
     axis::{AXES, Axes, LINEAR, Z},
     math,
@@ -444,7 +447,9 @@ fn programmed_mm_s(feed_rate: FeedRate, length_mm: f32, limit_mm_s: f32) -> f32 
     let programmed = match feed_rate {
         FeedRate::Rapid => return limit_mm_s,
         FeedRate::Feed(mm_min) | FeedRate::Jog(mm_min) => mm_min / 60.0,
-        FeedRate::InverseTime(per_min) => length_mm * per_min / 60.0,
+        FeedRate::InverseTime(per_min) => {
+            return math::max(length_mm * per_min / 60.0, LEAST_IN_A_TIME_MM_S);
+        }
     };
     math::max(programmed, MIN_SPEED_MM_S)
 }

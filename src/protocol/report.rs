@@ -272,6 +272,8 @@ pub enum Feedback {
     UnexpectedContact,
     /// A feed move with the spindle on at speed 0.
     NoSpindleSpeed,
+    /// A `G53` move that ends before a switch.
+    EndsBeforeSwitch,
     /// A feed move after a change of the tool, with the spindle off.
     SpindleOff,
     /// A change is in effect, and is stored when the flash may be erased.
@@ -305,6 +307,7 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::StoredProgramRefused => "The stored program cannot run here",
         Feedback::UnexpectedContact => "Probe contact outside of a probing move",
         Feedback::NoSpindleSpeed => "Spindle speed is 0",
+        Feedback::EndsBeforeSwitch => "G53 ends at the pull-off, before the switch",
         Feedback::SpindleOff => "Spindle is off",
         Feedback::StoredLater => "Stored when idle with the spindle off",
         Feedback::NotStored => "Not stored: lost when power is off",
@@ -408,6 +411,7 @@ mod tests {
             Feedback::ArcOffSteps,
             Feedback::StoredProgramRefused,
             Feedback::NoSpindleSpeed,
+            Feedback::EndsBeforeSwitch,
             Feedback::SpindleOff,
         ] {
             let mut text = Text::new();

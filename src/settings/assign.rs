@@ -22,15 +22,15 @@ pub enum SettingError {
     StepRate,
 }
 
-/// Reads a number and the `=` after it. Returns the whole part of the number and the text after the
+/// Reads a number and the `=` after it. Returns the number and the text after the
 /// `=`.
 ///
 /// # Errors
-/// `BadNumber` without a number, `BadStatement` without the `=`.
+/// `BadNumber` without a number, `BadStatement` without the `=` and for a number with a fraction.
 pub fn numbered(statement: &[u8]) -> Result<(i64, &[u8]), SettingError> {
     let (number, rest) = Decimal::parse(statement).ok_or(SettingError::BadNumber)?;
     match rest.split_first() {
-        Some((b'=', text)) => Ok((number.trunc(), text)),
+        Some((b'=', text)) if number.is_whole() => Ok((number.trunc(), text)),
         _ => Err(SettingError::BadStatement),
     }
 }
@@ -53,7 +53,8 @@ pub fn assign(settings: &mut Settings, statement: &[u8]) -> Result<(), SettingEr
         return Err(SettingError::Negative);
     }
     let setting = setting.ok_or(SettingError::BadStatement)?;
-    setting.assign(settings, Value::Millionths(value.truncated_millionths()))
+    let value = Value::typed(value, &setting.row.kind)?;
+    setting.assign(settings, value)
 }
 
 #[cfg(test)]
@@ -84,6 +85,7 @@ mod tests {
             ("100=10X", BadStatement),
             ("0=1.2.3", BadStatement),
             ("7=1", BadStatement),
+            ("12.7=0.25", BadStatement),
             ("99=1", BadStatement),
             ("107=1", BadStatement),
             ("136=1", BadStatement),
@@ -116,6 +118,10 @@ mod tests {
             "1=256",
             "26=300",
             "4=256",
+            "13=2",
+            "10=3.9",
+            "24=0",
+            "25=0.999",
             "0=256",
             "100=100001",
             "110=99999999999999999999",
@@ -133,10 +139,9 @@ mod tests {
             "1=255",
             "2=7",
             "4=2",
-            "10=3.9",
+            "10=3.0",
             "11=-0.0",
             "12=0",
-            "25=0",
             "27=0",
             "32=1",
             "100=250.5",
@@ -145,7 +150,7 @@ mod tests {
             "130=0",
             "26=+255",
             "801=10000.5",
-            "12.7=0.25",
+            "12=0.25",
         ])
         .unwrap();
         assert_eq!(settings.step_pulse_us, 3);

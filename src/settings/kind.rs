@@ -4,13 +4,20 @@
 //! and the same range, so that the flash cannot give a setting a value that `$n=` would refuse.
 //! Data types and formats are those that grblHAL publishes ("report extensions").
 
+use core::ops::RangeInclusive;
+
 use super::{SettingError, Settings};
-use crate::{axis::Axes, units::StepsPerMm};
+use crate::{axis::Axes, decimal::Decimal, units::StepsPerMm};
 
 /// Largest value of a length, speed or acceleration.
 const LARGEST: f32 = 1.0e7;
 /// Smallest value of a divisor: the smallest that `$$` can show.
 const SMALLEST: f32 = 0.001;
+
+impl Settings {
+    /// Speeds and accelerations that an axis may be set to.
+    pub(crate) const AXIS_LIMITS: RangeInclusive<f32> = SMALLEST..=LARGEST;
+}
 
 /// The field of [`Settings`] that holds a value.
 type Field<T> = fn(&mut Settings) -> &mut T;
@@ -18,8 +25,10 @@ type Field<T> = fn(&mut Settings) -> &mut T;
 /// Type and range of a setting, and its field.
 #[derive(Debug)]
 pub enum Kind {
-    /// On or off: 0 is off, everything else is on.
+    /// On or off.
     Flag(Field<bool>),
+    /// On or off, where grblHAL has a bit for each axis: on with any of them.
+    AnyBit(Field<bool>),
     /// A sum of bits, with the names of the bits.
     Bits(Field<u8>, &'static str),
     /// A sum of bits, one for each axis.
@@ -174,6 +183,7 @@ impl Kind {
         match self {
             Self::AxisNumber(..) | Self::AxisResolution(_) => true,
             Self::Flag(_)
+            | Self::AnyBit(_)
             | Self::Bits(..)
             | Self::AxisMask(_)
             | Self::Byte { .. }
@@ -185,7 +195,7 @@ impl Kind {
     #[must_use]
     pub const fn data_type(&self) -> DataType {
         match self {
-            Self::Flag(_) => DataType::Boolean,
+            Self::Flag(_) | Self::AnyBit(_) => DataType::Boolean,
             Self::Bits(..) => DataType::Bits,
             Self::AxisMask(_) => DataType::AxisMask,
             Self::Byte { .. } => DataType::Integer,
@@ -197,7 +207,7 @@ impl Kind {
     #[must_use]
     pub fn range(&self) -> Option<ValueRange> {
         match self {
-            Self::Flag(_) | Self::Bits(..) | Self::AxisMask(_) => None,
+            Self::Flag(_) | Self::AnyBit(_) | Self::Bits(..) | Self::AxisMask(_) => None,
             Self::Byte { least, .. } => Some(ValueRange {
                 least: f32::from(*least),
                 most: 255.0,
@@ -241,7 +251,7 @@ impl Kind {
         // One accessor reads and writes: it reads from a copy.
         let mut copy = *settings;
         match self {
-            Self::Flag(field) => Value::Whole(u16::from(*field(&mut copy))),
+            Self::Flag(field) | Self::AnyBit(field) => Value::Whole(u16::from(*field(&mut copy))),
             Self::Bits(field, _) | Self::AxisMask(field) | Self::Byte { field, .. } => {
                 Value::Whole(u16::from(*field(&mut copy)))
             }
@@ -262,7 +272,13 @@ impl Kind {
         value: Value,
     ) -> Result<(), SettingError> {
         match self {
-            Self::Flag(field) => *field(settings) = value.byte()? != 0,
+            Self::Flag(field) => {
+                *field(settings) = match value.byte()? {
+                    flag @ 0..=1 => flag == 1,
+                    _ => return Err(SettingError::OutOfRange),
+                }
+            }
+            Self::AnyBit(field) => *field(settings) = value.byte()? != 0,
             Self::Bits(field, _) | Self::AxisMask(field) => *field(settings) = value.byte()?,
             Self::Byte {
                 field,
@@ -284,6 +300,28 @@ impl Kind {
 }
 
 impl Value {
+    /// A number that a user has typed for a setting of some kind: none of its digits is left out.
+    ///
+    /// # Errors
+    /// [`SettingError::OutOfRange`]: a fraction where the setting is whole, or a number so near to 0 that it would
+    /// count as 0, which may mean that something is off.
+    pub(super) fn typed(number: Decimal, kind: &Kind) -> Result<Self, SettingError> {
+        let millionths = number.to_millionths();
+        let is_whole = kind.decimals() == 0;
+        if is_whole && !number.is_whole() || millionths == 0 && !number.is_zero() {
+            return Err(SettingError::OutOfRange);
+        }
+        Ok(match kind {
+            Kind::Number(..) | Kind::AxisNumber(..) => Self::Number(number.to_f64() as f32),
+            Kind::Flag(_)
+            | Kind::AnyBit(_)
+            | Kind::Bits(..)
+            | Kind::AxisMask(_)
+            | Kind::Byte { .. }
+            | Kind::AxisResolution(_) => Self::Millionths(millionths),
+        })
+    }
+
     fn byte(self) -> Result<u8, SettingError> {
         let whole = match self {
             Self::Whole(whole) => Some(i64::from(whole)),

@@ -8,6 +8,7 @@ use super::{SettingError, Settings};
 use crate::{
     axis::{AXES, X, Y, Z},
     model::{HAS_HALF_STEPS, HAS_REPRAP},
+    units::Nm,
 };
 
 /// Refuses bits of `$22` that the firmware does not have, and those that mean nothing without homing.
@@ -55,7 +56,26 @@ pub(super) fn resolution_is_possible(settings: &Settings, axis: usize) -> Result
         }
         step_rate_is_possible(settings, Y)?;
     }
-    step_rate_is_possible(settings, axis)
+    step_rate_is_possible(settings, axis)?;
+    lengths_are_counted(settings, axis)
+}
+
+/// Refuses a travel, and distances of homing and parking, that the steps of an axis cannot count.
+pub(super) fn lengths_are_counted(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
+    let farthest = settings.farthest();
+    let is_counted = |axis: usize, mm: f32| Nm::from_mm(mm.abs()) <= farthest[axis];
+    let are_counted = (0..AXES).all(|axis| {
+        is_counted(axis, settings.max_travel_mm[axis])
+            && is_counted(axis, settings.homing_pull_off_mm)
+    });
+    if are_counted
+        && is_counted(Z, settings.parking_target_mm)
+        && is_counted(Z, settings.parking_pull_out_mm)
+    {
+        Ok(())
+    } else {
+        Err(SettingError::OutOfRange)
+    }
 }
 
 /// Refuses belts whose motors would have to turn faster than the step rate allows.

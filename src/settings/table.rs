@@ -5,7 +5,7 @@
 //! machine cannot work with (a resolution of 0, a byte above 255) is refused instead of changed.
 
 use DefinedBy::{Extension, Grbl};
-use Kind::{AxisMask, AxisResolution, Bits, Flag};
+use Kind::{AnyBit, AxisMask, AxisResolution, Bits, Flag};
 use SettingGroup::{General, Homing, Host, Limits, Parking, Spindle, Tools};
 
 use super::{
@@ -100,9 +100,9 @@ pub(super) static TABLE: &[Row] = &[
     row(1, General, Grbl, "delay before idle steppers are released, 255 never", "ms", byte(|s| &mut s.idle_delay_ms)),
     row(2, General, Grbl, "inverted step outputs", "", AxisMask(|s| &mut s.step_invert)),
     row(3, General, Grbl, "inverted directions", "", AxisMask(|s| &mut s.direction_invert)),
-    row(4, General, Grbl, "inverted enable output", "", Flag(|s| &mut s.enable_invert)),
-    row(5, General, Grbl, "inverted limit inputs", "", Flag(|s| &mut s.limit_invert)),
-    row(6, General, Grbl, "inverted probe input", "", Flag(|s| &mut s.probe_invert)),
+    row(4, General, Grbl, "inverted enable output", "", AnyBit(|s| &mut s.enable_invert)),
+    row(5, General, Grbl, "inverted limit inputs", "", AnyBit(|s| &mut s.limit_invert)),
+    row(6, General, Grbl, "inverted probe input", "", AnyBit(|s| &mut s.probe_invert)),
     row(10, General, Grbl, "status report: 1 machine position, 2 buffer state", "", Bits(|s| &mut s.report_mask, "Machine position,Buffer state")),
     row(11, General, Grbl, "junction deviation", MM, number(|s| &mut s.junction_deviation_mm)),
     row(12, General, Grbl, "arc tolerance", MM, number(|s| &mut s.arc_tolerance_mm)),
@@ -111,10 +111,10 @@ pub(super) static TABLE: &[Row] = &[
     row(21, Limits, Grbl, "hard limits", "", Flag(|s| &mut s.hard_limits)),
     row(22, Homing, Grbl, "homing cycle: 1 on, 9 on with zero where it ends", "", Bits(|s| &mut s.homing, "Enable,N/A,N/A,Set machine origin to 0")).checked(rules::homing_is_known).adjusting(rules::limits_end_with_homing),
     row(23, Homing, Grbl, "axes that home towards their negative end", "", AxisMask(|s| &mut s.homing_direction)),
-    row(24, Homing, Grbl, "homing speed to locate the switch", MM_MIN, number(|s| &mut s.homing_feed_mm_min)),
-    row(25, Homing, Grbl, "homing speed to search the switch", MM_MIN, number(|s| &mut s.homing_seek_mm_min)),
+    row(24, Homing, Grbl, "homing speed to locate the switch", MM_MIN, rate(|s| &mut s.homing_feed_mm_min)),
+    row(25, Homing, Grbl, "homing speed to search the switch", MM_MIN, rate(|s| &mut s.homing_seek_mm_min)),
     row(26, Homing, Grbl, "homing delay for the switch to settle", "ms", byte(|s| &mut s.homing_debounce_ms)),
-    row(27, Homing, Grbl, "homing distance from the switch", MM, number(|s| &mut s.homing_pull_off_mm)),
+    row(27, Homing, Grbl, "homing distance from the switch", MM, number(|s| &mut s.homing_pull_off_mm)).checked(rules::lengths_are_counted),
     row(28, General, Extension, "how far pecks of G73 and G83 keep from the last one", MM, number(|s| &mut s.peck_clearance_mm)),
     row(30, Spindle, Grbl, "largest spindle speed", "rpm", rpm(|s| &mut s.spindle_max_rpm)),
     row(31, Spindle, Grbl, "smallest spindle speed", "rpm", rpm(|s| &mut s.spindle_min_rpm)),
@@ -122,14 +122,14 @@ pub(super) static TABLE: &[Row] = &[
     row(33, Spindle, Extension, "frequency of the spindle's PWM, about", "Hz", pwm_frequency(|s| &mut s.pwm_hz)),
     row(40, Limits, Extension, "jogs are shortened to the travel of homed axes", "", Flag(|s| &mut s.shortens_jogs)).checked(rules::soft_limits_need_homing),
     row(41, Parking, Extension, "parking when the safety door opens", "", Flag(|s| &mut s.parking)),
-    row(56, Parking, Extension, "parking: slow pull-out", MM, number(|s| &mut s.parking_pull_out_mm)),
+    row(56, Parking, Extension, "parking: slow pull-out", MM, number(|s| &mut s.parking_pull_out_mm)).checked(rules::lengths_are_counted),
     row(57, Parking, Extension, "parking: speed of the pull-out", MM_MIN, rate(|s| &mut s.parking_pull_out_mm_min)),
-    row(58, Parking, Extension, "parking: machine coordinate of Z", MM, coordinate(|s| &mut s.parking_target_mm)),
+    row(58, Parking, Extension, "parking: machine coordinate of Z", MM, coordinate(|s| &mut s.parking_target_mm)).checked(rules::lengths_are_counted),
     row(59, Parking, Extension, "parking: speed to it", MM_MIN, rate(|s| &mut s.parking_mm_min)),
     row(100, SettingGroup::Axes, Grbl, "resolution", "step/mm", AxisResolution(|s| &mut s.steps_per_mm)).checked(rules::resolution_is_possible).adjusting(rules::belts_have_one_resolution),
     row(110, SettingGroup::Axes, Grbl, "largest speed", MM_MIN, axis_divisor(|s| &mut s.max_rate_mm_min)).checked(rules::step_rate_is_possible),
     row(120, SettingGroup::Axes, Grbl, "acceleration", "mm/s²", axis_divisor(|s| &mut s.acceleration_mm_s2)),
-    row(130, SettingGroup::Axes, Grbl, "travel; with 0 no soft limits, and no homing", MM, axis_number(|s| &mut s.max_travel_mm)),
+    row(130, SettingGroup::Axes, Grbl, "travel; with 0 no soft limits, and no homing", MM, axis_number(|s| &mut s.max_travel_mm)).checked(rules::lengths_are_counted),
     row(341, Tools, Extension, "tool change: 0 waits for the operator, 4 ignores M6", "", byte(|s| &mut s.tool_change)).checked(rules::tool_change_is_known),
     row(392, Spindle, Extension, "spindle delay before the machine goes on after the door, or after the spindle was stopped in a hold", "s", seconds(|s| &mut s.door_spindle_delay_s)).checked(rules::delay_is_long_enough),
     row(393, Spindle, Extension, "coolant delay before the machine goes on after the door", "s", seconds(|s| &mut s.door_coolant_delay_s)).checked(rules::delay_is_long_enough),

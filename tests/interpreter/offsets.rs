@@ -112,14 +112,14 @@ fn every_work_coordinate_system_is_chosen_by_its_word_and_set_by_its_number() {
 }
 
 #[test]
-fn g10_takes_eight_bits_of_p_as_grbl_does() {
-    for (p, origin_um) in [("256", 1000), ("257.9", 1000), ("258", 0)] {
-        let machine = after(&[&format!("G10L2P{p}X1")]);
-        assert_eq!(
-            machine.work_offset(&machine.position()),
-            um(origin_um, 0, 0),
-            "P{p}"
-        );
+fn g10_takes_no_number_for_another_one() {
+    for (line, refusal) in [
+        ("G10L2P256X1", LineError::UnknownCoordinates),
+        ("G10L2P1.9X1", LineError::NotInteger),
+        ("G10L258P1X1", LineError::Unsupported),
+        ("G10L2.5P1X1", LineError::NotInteger),
+    ] {
+        assert_eq!(error(&[line]), refusal, "{line}");
     }
     let beyond = WorkCoordinates::ALL.len() + 1;
     for p in [beyond, 255, 256 + beyond] {

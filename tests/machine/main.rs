@@ -11,6 +11,7 @@ mod inputs;
 mod jogs;
 mod line_break;
 mod lost_bytes;
+mod numbers;
 mod phases;
 mod post_processors;
 mod postponed;

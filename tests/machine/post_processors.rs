@@ -183,23 +183,30 @@ fn g28_goes_to_what_is_stored_or_to_zero_where_nothing_is_homed() {
 
 #[test]
 fn g53_ends_before_the_switch_of_a_homed_axis_and_nothing_else_does() {
-    for (line, z) in [
-        ("G53 G0 Z0", -PULL_OFF),
-        ("G53 G0 Z-1", -PULL_OFF),
-        ("G91 G53 G0 Z0", -PULL_OFF),
-        ("G20 G53 G1 Z-0.03 F20", -PULL_OFF),
-        ("$J=G53 Z0 F500", -PULL_OFF),
-        ("G53 G0 Z-2", -2),
-        ("G53 G0 Z-3", -3),
+    const MESSAGE: &str = "[MSG:G53 ends at the pull-off, before the switch]";
+    for (line, z, message) in [
+        ("G53 G0 Z0", -PULL_OFF, Some(MESSAGE)),
+        ("G53 G0 Z-1", -PULL_OFF, Some(MESSAGE)),
+        ("G91 G53 G0 Z0", -PULL_OFF, Some(MESSAGE)),
+        ("G20 G53 G1 Z-0.03 F20", -PULL_OFF, Some(MESSAGE)),
+        ("$J=G53 Z0 F500", -PULL_OFF, Some(MESSAGE)),
+        ("G53 G0 Z-2", -2, None),
+        ("G53 G0 Z-3", -3, None),
         // There is no switch at the far end, as far as the settings tell.
-        ("G53 G0 Z-60", -60),
+        ("G53 G0 Z-60", -60, None),
     ] {
         let mut machine = homed(1, 0);
-        let mut answers = machine.ask("G90 G0 X0 Y0 Z1");
-        answers.extend(machine.ask(line));
-        assert_eq!(answers, ["ok", "ok"], "{line}");
+        assert_eq!(machine.ask("G90 G0 X0 Y0 Z1"), ["ok"]);
+        let expected: Vec<_> = message.into_iter().chain(["ok"]).collect();
+        assert_eq!(machine.ask(line), expected, "{line}");
         assert_eq!(machine.state(), State::Idle, "{line}");
         assert_eq!(position(&machine)[2], z, "{line}");
+        if message.is_some() {
+            // Once in a program.
+            assert_eq!(machine.ask(line), ["ok"], "{line}");
+            assert_eq!(machine.ask("M2"), ["[MSG:Pgm End]", "ok"]);
+            assert_eq!(machine.ask("G53 G0 Z0"), [MESSAGE, "ok"], "{line}");
+        }
     }
     // A move in work coordinates goes where it says, and one beyond the travel is refused.
     for line in ["G90 G0 Z30", "G53 G0 Z0.001"] {

@@ -66,7 +66,7 @@ fn a_contact_in_another_move_slows_the_machine_down_and_keeps_its_position() {
         } else {
             "G0 X50"
         };
-        machine.send(&format!("{line}\n{next}\n"));
+        machine.send(format!("{line}\n{next}\n"));
         let answers = machine.answers();
         let answers: Vec<_> = answers.iter().filter(|line| *line != "ok").collect();
         assert_eq!(answers, STOPPED, "{line}");

@@ -28,10 +28,17 @@ fn a_fan_switches_between_two_moves() {
     let ends = [10, 20].map(|mm| Some(mm * STEPS_PER_MM));
     assert_eq!([on.first().copied(), on.last().copied()], ends);
     let mut machine = reprap_with(&["783=1", "30=255"]);
-    machine.ask("M106 S127");
-    let duty = machine.outputs().duty;
     let full = leadscrew::model::Outputs::FULL;
-    assert!((duty * 2).abs_diff(full) <= full / 100, "{duty}");
+    for (speed, duty) in [
+        ("127", 127.0),
+        ("0.5", 0.5),
+        ("254.5", 254.5),
+        ("255", 255.0),
+    ] {
+        machine.ask(&format!("M106 S{speed}"));
+        let exact = (duty / 255.0 * f64::from(full)) as u16;
+        assert!(machine.outputs().duty.abs_diff(exact) <= 4, "{speed}");
+    }
     assert_eq!(machine.outputs().spindle, Spindle::Clockwise);
     machine.ask("M107");
     assert_eq!(machine.outputs().duty, 0);
@@ -40,6 +47,8 @@ fn a_fan_switches_between_two_moves() {
     assert!(machine.outputs().coolant.flood);
     machine.ask("M106 S0");
     assert!(!machine.outputs().coolant.flood);
+    machine.ask("M106 S0.1");
+    assert!(machine.outputs().coolant.flood);
     let mut machine = reprap();
     assert_eq!(first(&mut machine, "M106 S255"), "echo:M106: not present");
     // Once for each job.

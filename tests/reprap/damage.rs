@@ -225,6 +225,7 @@ proptest! {
 #[test]
 fn what_is_no_line_is_refused_in_clear_words_and_nothing_of_it_is_executed() {
     const RANGE: &str = "Error:the value is outside its range (error:39)";
+    const WHOLE: &str = "Error:this number must be whole (error:23)";
     const NUMBER: &str = "Error:a letter must be followed by a number (error:2)";
     const LETTER: &str = "Error:a word must begin with a letter (error:1)";
     const MISMATCH: &str = "Error:checksum mismatch, Last Line: 0";
@@ -237,6 +238,20 @@ fn what_is_no_line_is_refused_in_clear_words_and_nothing_of_it_is_executed() {
         ("M106 S-1", RANGE),
         ("M106 S99999999999999999999", RANGE),
         ("M113 S256", RANGE),
+        ("M113 S0.5", WHOLE),
+        ("M154 S1.5", WHOLE),
+        ("M84 S0.5", WHOLE),
+        ("M220 S9", RANGE),
+        ("M220 S201", RANGE),
+        ("M220 S99.5", WHOLE),
+        ("M221 S9", RANGE),
+        ("M221 S1001", RANGE),
+        ("M203 X0.00001", RANGE),
+        ("M201 X0.0001", RANGE),
+        ("M204 S99999999", RANGE),
+        ("M203 X0", "Error:the value must be above 0 (error:19)"),
+        ("G1 X1 F0.5", RANGE),
+        ("G1 X1 F99999999", RANGE),
         ("M0 S99999999", RANGE),
         ("M84 S65536", RANGE),
         ("G4 P99999999999999", RANGE),

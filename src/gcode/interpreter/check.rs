@@ -2,21 +2,23 @@
 //!
 //! One function per step of the NIST order of execution that can fail.
 
+use core::ops::RangeInclusive;
+
 use super::{
-    Action, Checked, Hint, Interpreter, LineKind, Move, arc, compensation, cycle,
+    Action, Checked, Hint, Interpreter, LineKind, Move, arc, commit, compensation, cycle,
     drilling::Drilling, home, power, targets, tools,
 };
 use crate::{
     axis::Axes,
     decimal::Decimal,
     gcode::{
-        ArcDistance, AxisCommand, FeedMode, Flow, LineError, MAX_LINE_NUMBER, Modal, MotionMode,
-        NonModal, ParsedLine, PlainPrefix, SwitchedOverride, ToolCommand, Units, Word, Words,
-        tool_number,
+        ArcDistance, AxisCommand, FEEDS_MM_MIN, FeedMode, Flow, INVERSE_TIMES, LineError,
+        MAX_LINE_NUMBER, Modal, MotionMode, NonModal, ParsedLine, PlainPrefix, SwitchedOverride,
+        ToolCommand, Units, Word, Words, tool_number,
     },
     model::{Laser, OverrideSwitches, PathControl},
     settings::Settings,
-    units::{Nm, StepsPerMm},
+    units::{Nm, Steps, StepsPerMm},
 };
 
 pub(super) const MM_PER_INCH: f32 = 25.4;
@@ -135,6 +137,7 @@ fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checke
         tool: state.offsets.tool,
         loaded_tool: state.loaded_tool,
         lacks_tools: false,
+        ends_before_switch: false,
         tool_command: parsed.tool_command,
         changes_tool: parsed.tool_command == ToolCommand::Change
             && parsed.modal.tool != state.loaded_tool,
@@ -216,10 +219,25 @@ fn jog_feed(parsed: &ParsedLine) -> Result<f32, LineError> {
     if !parsed.words.contains(Word::F) {
         return Err(LineError::FeedUndefined);
     }
-    Ok(match parsed.modal.units {
+    feed_mm_min(parsed)
+}
+
+/// `F` per minute in mm: 0, or within the feeds that there are.
+fn feed_mm_min(parsed: &ParsedLine) -> Result<f32, LineError> {
+    let feed = match parsed.modal.units {
         Units::Millimetres => parsed.feed,
         Units::Inches => parsed.feed * MM_PER_INCH,
-    })
+    };
+    within(feed, &FEEDS_MM_MIN)
+}
+
+/// `F` as it is, if it is 0 or in a range.
+fn within(feed: f32, range: &RangeInclusive<f32>) -> Result<f32, LineError> {
+    if feed == 0.0 || range.contains(&feed) {
+        Ok(feed)
+    } else {
+        Err(LineError::ValueOutOfRange)
+    }
 }
 
 /// Feed rate mode and feed rate. Every `G93` move needs its own; none survives `G93`.
@@ -235,12 +253,9 @@ fn feed(parsed: &ParsedLine, before: &Modal) -> Result<f32, LineError> {
             if needs_feed && !has_feed {
                 return Err(LineError::FeedUndefined);
             }
-            Ok(parsed.feed)
+            within(parsed.feed, &INVERSE_TIMES)
         }
-        FeedMode::PerMinute if has_feed => Ok(match parsed.modal.units {
-            Units::Millimetres => parsed.feed,
-            Units::Inches => parsed.feed * MM_PER_INCH,
-        }),
+        FeedMode::PerMinute if has_feed => feed_mm_min(parsed),
         FeedMode::PerMinute => Ok(match before.feed_mode {
             FeedMode::PerMinute => before.feed,
             FeedMode::InverseTime => 0.0,
@@ -254,9 +269,6 @@ fn tool_in_spindle(parsed: &ParsedLine, unused: &mut Words) -> Result<u8, LineEr
         return Err(LineError::MissingWord);
     }
     unused.remove(Word::Q);
-    if !parsed.q.is_whole() {
-        return Err(LineError::NotInteger);
-    }
     tool_number(parsed.q)
 }
 
@@ -282,16 +294,29 @@ fn dwell(parsed: &ParsedLine, unused: &mut Words) -> Result<Action, LineError> {
         return Err(LineError::MissingWord);
     }
     unused.remove(Word::P);
-    u32::try_from(parsed.p.to_thousandths())
-        .map(Action::Dwell)
-        .map_err(|_| LineError::ValueOutOfRange)
+    dwell_ms(parsed.p).map(Action::Dwell)
+}
+
+/// A dwell in ms.
+pub(super) fn dwell_ms(seconds: Decimal) -> Result<u32, LineError> {
+    let milliseconds = seconds.at_least_one(Decimal::to_thousandths);
+    u32::try_from(milliseconds).map_err(|_| LineError::ValueOutOfRange)
+}
+
+/// A length in nm that means something else where it is 0: one that is not must not become it.
+pub(super) fn exact_length(parsed: &ParsedLine, number: Decimal) -> Result<Nm, LineError> {
+    let length = parsed.length(number);
+    if length == Nm(0) && !number.is_zero() {
+        return Err(LineError::ValueOutOfRange);
+    }
+    Ok(length)
 }
 
 /// `G64`: the tolerances of the path, `P`, and of short lines, `Q`, which is `P` without the word. Without
 /// a `P`, or with 0, the path keeps to `$785` and no lines are merged.
 fn path_tolerance(parsed: &ParsedLine, settings: &Settings) -> Result<PathControl, LineError> {
     let distance_nm = |number: Decimal| {
-        let Nm(nm) = parsed.length(number);
+        let Nm(nm) = exact_length(parsed, number)?;
         u32::try_from(nm).map_err(|_| LineError::ValueOutOfRange)
     };
     let tolerance_nm = distance_nm(parsed.p)?;
@@ -319,6 +344,7 @@ fn check_non_modal(
     checked: &mut Checked,
 ) -> Result<(), LineError> {
     match parsed.non_modal {
+        NonModal::SetCoordinates if !parsed.l.is_whole() => return Err(LineError::NotInteger),
         NonModal::SetCoordinates if matches!(parsed.subcode(), 1 | 10 | 11) => {
             return tools::set_entry(state, settings, parsed, unused, checked);
         }
@@ -380,6 +406,11 @@ fn check_motion(
     if let MotionMode::Cycle(cycle) = motion {
         let mut words = cycle::words(state, parsed, unused, checked, cycle)?;
         words.clearance = Nm::from_mm(settings.peck_clearance_mm);
+        let resolution = settings.steps_per_mm[checked.modal.plane.axes().2];
+        if cycle.has_pecks() && words.peck < resolution.position_of(Steps(1)) {
+            // More of them than the axis makes steps.
+            return Err(LineError::ValueOutOfRange);
+        }
         checked.movement = Move::Cycle(words);
     }
     if motion != MotionMode::Rapid && checked.modal.feed == 0.0 {
@@ -402,6 +433,10 @@ fn check_motion(
             checked.movement = Move::Straight;
         }
         MotionMode::Rapid | MotionMode::Linear | MotionMode::Cycle(_) | MotionMode::Cancelled => {}
+    }
+    if motion != MotionMode::Rapid && checked.modal.feed_mode == FeedMode::PerMinute {
+        // Of inches, where only rotary axes move.
+        within(commit::feed(state, checked), &FEEDS_MM_MIN)?;
     }
     Ok(())
 }

@@ -47,6 +47,8 @@ pub struct Checked {
     pub(super) changes_tool: bool,
     /// Whether the line wants the offset of a tool, and the tool table is empty.
     pub(super) lacks_tools: bool,
+    /// Whether a `G53` move ends before the switch of an axis, nearer than its word says.
+    pub(super) ends_before_switch: bool,
     /// `N`.
     pub(super) line: u32,
     /// The tool length offset after the line.

@@ -19,6 +19,8 @@ const LONG_DWELL_MS: u32 = 60_000;
 
 pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     outcome.clear();
+    outcome.ends_before_switch = checked.ends_before_switch && !state.has_reported_switch;
+    state.has_reported_switch |= checked.ends_before_switch;
     if checked.kind == LineKind::Jog {
         add_laser_power(checked, outcome);
         let feed_rate = FeedRate::Jog(feed(state, checked));
@@ -92,6 +94,7 @@ impl Outcome {
         self.shows_offset = false;
         self.shows_tool = false;
         self.lacks_speed = false;
+        self.ends_before_switch = false;
     }
 
     pub(super) fn add(&mut self, command: Command) {
@@ -192,12 +195,13 @@ fn go_to(
 }
 
 /// The feed of a move per minute: mm, or degrees where only rotary axes move, which have no inches.
-fn feed(state: &Interpreter, checked: &Checked) -> f32 {
+pub(super) fn feed(state: &Interpreter, checked: &Checked) -> f32 {
     let modal = &checked.modal;
     let only_turns = || {
         let mut linear = 0..=Z;
         !matches!(checked.movement, Move::Arc(_))
             && linear.all(|axis| state.position[axis] == checked.values[axis])
+            && state.position != checked.values
     };
     if modal.feed_units == Units::Inches && only_turns() {
         modal.feed / MM_PER_INCH
@@ -277,7 +281,7 @@ fn end_line(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
             *spindle = Spindle::Off;
             *coolant = Coolant::default();
             state.compensation = Compensation::default();
-            state.forget_spindle();
+            state.forget_program();
             outcome.add(Command::Spindle {
                 spindle: Spindle::Off,
                 rpm: 0.0,

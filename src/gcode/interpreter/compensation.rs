@@ -3,7 +3,7 @@
 //! The moves stay those of the program here. What the cutter does beside them is found out behind the
 //! interpreter, in `path/compensation.rs`. Read with LinuxCNC 2.9 "G40", "G41" and "G42".
 
-use super::{Action, Checked, Interpreter, LineKind, Move};
+use super::{Action, Checked, Interpreter, LineKind, Move, check};
 use crate::{
     axis::Axes,
     gcode::{
@@ -157,7 +157,7 @@ fn cutter(
     let diameter = if !mode.is_dynamic() {
         diameter_of_tool(state, parsed, checked)?
     } else if has_diameter {
-        parsed.length(parsed.d)
+        check::exact_length(parsed, parsed.d)?
     } else {
         return Err(LineError::MissingWord);
     };
@@ -185,9 +185,6 @@ fn diameter_of_tool(
 ) -> Result<Nm, LineError> {
     if parsed.d.is_negative() {
         return Err(LineError::NegativeValue);
-    }
-    if !parsed.d.is_whole() {
-        return Err(LineError::NotInteger);
     }
     let number = match tool_number(parsed.d)? {
         0 => checked.loaded_tool,

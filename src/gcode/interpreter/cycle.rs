@@ -3,7 +3,7 @@
 //! Levels are work coordinates of the axis perpendicular to the plane. Read with LinuxCNC 2.9 "G-Codes",
 //! G73 to G89, and RS274NGC 3, section 3.5.16.
 
-use super::{Checked, Interpreter, drilling::Drilling, targets};
+use super::{Checked, Interpreter, check, drilling::Drilling, targets};
 use crate::{
     axis::{LETTERS, Z},
     gcode::{Cycle, FeedMode, LineError, MotionMode, ParsedLine, Word, Words},
@@ -153,7 +153,7 @@ fn dwell_ms(
         return known_ms.ok_or(LineError::MissingWord);
     }
     unused.remove(Word::P);
-    u32::try_from(parsed.p.to_thousandths()).map_err(|_| LineError::ValueOutOfRange)
+    check::dwell_ms(parsed.p)
 }
 
 /// Returns `L`, 1 without.

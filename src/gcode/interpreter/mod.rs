@@ -70,6 +70,8 @@ pub struct Interpreter {
     lacks_spindle: bool,
     /// The program has had no `S`, nor has that been reported.
     wants_speed: bool,
+    /// That a `G53` move of the program ends before a switch has been reported.
+    has_reported_switch: bool,
     /// Plain lines are executed in the modes in effect: [`Self::execute_plain`].
     has_plain_modes: bool,
     /// `M1` is a program pause.
@@ -97,6 +99,8 @@ pub struct Outcome {
     pub shows_tool: bool,
     /// Whether the line feeds with a spindle at speed 0, the first one of a program that has given no speed.
     pub lacks_speed: bool,
+    /// Whether a `G53` move ends before a switch, the first one of a program.
+    pub ends_before_switch: bool,
 }
 
 /// A message of a line.
@@ -136,6 +140,7 @@ impl Interpreter {
             has_run_spindle: false,
             lacks_spindle: false,
             wants_speed: true,
+            has_reported_switch: false,
             has_plain_modes: true,
             stops_optionally: false,
             work_position: Axes::all(Nm(0)),
@@ -281,7 +286,7 @@ impl Interpreter {
             ..Offsets::default()
         };
         self.compensation = Compensation::default();
-        self.forget_spindle();
+        self.forget_program();
         self.update_frame();
         self.update_plain_modes();
     }
@@ -311,9 +316,10 @@ impl Interpreter {
             && self.compensation.is_without_effect();
     }
 
-    /// Forgets what has been done with the spindle: the program is over.
-    fn forget_spindle(&mut self) {
+    /// Forgets what has been done with the spindle, and what has been reported: the program is over.
+    fn forget_program(&mut self) {
         self.wants_speed = true;
+        self.has_reported_switch = false;
         self.has_run_spindle = false;
         self.lacks_spindle = false;
     }

@@ -11,7 +11,7 @@
 use super::{Action, Checked, Interpreter, LineKind, Move, Outcome, check};
 use crate::{
     axis::AXES,
-    gcode::{Distance, Flow, MotionMode, PlainPrefix, Refusal, Word, Words},
+    gcode::{Distance, FEEDS_MM_MIN, Flow, MotionMode, PlainPrefix, Refusal, Word, Words},
     model::{Command, FeedRate, Target},
     settings::Settings,
     units::Nm,
@@ -36,10 +36,12 @@ pub(super) fn execute<I: ExactSizeIterator<Item = u8> + Clone>(
     prefix.feed = modal.feed;
     prefix.line = 0;
     let remaining = prefix.read(bytes)?;
+    let is_feed = FEEDS_MM_MIN.contains(&prefix.feed);
     let feed_rate = match prefix.motion {
-        MotionMode::Rapid => FeedRate::Rapid,
-        MotionMode::Linear if prefix.feed != 0.0 => FeedRate::Feed(prefix.feed),
-        MotionMode::Linear
+        MotionMode::Rapid if is_feed || prefix.feed == 0.0 => FeedRate::Rapid,
+        MotionMode::Linear if is_feed => FeedRate::Feed(prefix.feed),
+        MotionMode::Rapid
+        | MotionMode::Linear
         | MotionMode::Arc(_)
         | MotionMode::Probe(_)
         | MotionMode::Cycle(_)

@@ -15,6 +15,9 @@ use crate::{
     units::{MicroDegrees, Nm},
 };
 
+/// The first angle that stands for every greater one, millionths of a degree.
+const FARTHEST_ANGLE: u64 = Decimal::CONVERSION_LIMIT.unsigned_abs();
+
 /// Returns the work coordinates in which a line is executed: it may change the system and the tool
 /// length offset first.
 pub(super) fn frame(state: &Interpreter, checked: &Checked) -> Frame {
@@ -58,14 +61,20 @@ pub(super) fn system_to_set(
     if !unused.contains(Word::P) || !unused.contains(Word::L) {
         return Err(LineError::MissingWord);
     }
-    // Grbl keeps it in eight bits, so that 256 is 0.
-    let system = match parsed.p.trunc() as u8 {
-        0 => parsed.modal.coordinates,
-        number => *WorkCoordinates::ALL
-            .get(usize::from(number - 1))
+    if !parsed.p.is_whole() {
+        return Err(LineError::NotInteger);
+    }
+    let number = usize::try_from(parsed.p.trunc()).unwrap_or(usize::MAX);
+    let system = match number.checked_sub(1) {
+        None => parsed.modal.coordinates,
+        Some(index) => *WorkCoordinates::ALL
+            .get(index)
             .ok_or(LineError::UnknownCoordinates)?,
     };
     match parsed.subcode() {
+        2 if parsed.radius.to_millionths().unsigned_abs() >= FARTHEST_ANGLE => {
+            return Err(LineError::ValueOutOfRange);
+        }
         2 => unused.remove(Word::R),
         20 if parsed.axes == 0 => return Err(LineError::NoAxisWords),
         20 => {}
@@ -241,6 +250,7 @@ pub(super) fn set_target(
                 if end != exact {
                     checked.values[axis] = end;
                     checked.single_mm[axis] = end.to_mm();
+                    checked.ends_before_switch = true;
                 }
             }
         }

@@ -59,9 +59,6 @@ fn length_of_tool(
     checked: &mut Checked,
 ) -> Result<Axes<Nm>, LineError> {
     unused.remove(Word::H);
-    if !parsed.h.is_whole() {
-        return Err(LineError::NotInteger);
-    }
     let number = match tool_number(parsed.h)? {
         0 => checked.loaded_tool,
         number => number,
@@ -100,9 +97,6 @@ pub(super) fn set_entry(
     }
     if !unused.contains(Word::P) {
         return Err(LineError::MissingWord);
-    }
-    if !parsed.p.is_whole() {
-        return Err(LineError::NotInteger);
     }
     let number = NonZeroU8::new(tool_number(parsed.p)?).ok_or(LineError::UnknownTool)?;
     if parsed.axes >> LINEAR != 0 {
@@ -230,7 +224,7 @@ impl Interpreter {
                 b'Y' => entry.offset[1] = length,
                 b'Z' => entry.offset[2] = length,
                 b'D' => entry.diameter = length,
-                b'T' if value.trunc() != i64::from(number.get()) => {
+                b'T' if !value.is_whole() || value.trunc() != i64::from(number.get()) => {
                     return Err(LineError::ValueOutOfRange);
                 }
                 b'T' | b'P' => {}

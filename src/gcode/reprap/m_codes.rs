@@ -7,7 +7,7 @@ use super::{
     motion::write_millionths,
     parameters::{has, has_words, value},
 };
-use crate::{gcode::LineError, settings::Settings, units::Nm};
+use crate::{decimal::Decimal, gcode::LineError, settings::Settings, units::Nm};
 
 /// What an M code asks for, `None` where it has been written in Grbl's words.
 pub(super) fn m_code(
@@ -85,28 +85,27 @@ pub(super) fn fan(
     settings: &Settings,
     write: &mut impl FnMut(&[u8]),
 ) -> Result<Option<HostCommand>, LineError> {
-    const MAX_FAN_SPEED: i64 = 255;
+    const MAX_FAN_SPEED: f32 = 255.0;
     let speed = match (number, value(line, b'S')?) {
-        (107, _) => 0,
-        (_, Some(speed)) => speed.trunc(),
+        (107, _) => 0.0,
+        (_, Some(speed)) => speed.to_f32(),
         (_, None) => MAX_FAN_SPEED,
     };
-    if !(0..=MAX_FAN_SPEED).contains(&speed) {
+    if !(0.0..=MAX_FAN_SPEED).contains(&speed) {
         return Err(LineError::ValueOutOfRange);
     }
-    match (settings.fan_output, speed) {
-        (1, 0) => write(b"M5"),
-        (1, _) => {
+    match (settings.fan_output, speed > 0.0) {
+        (1, false) => write(b"M5"),
+        (1, true) => {
             write(b"M3S");
-            let share = speed as f32 / MAX_FAN_SPEED as f32;
-            let rpm = Nm::from_mm(settings.spindle_max_rpm * share);
+            let rpm = Nm::from_mm(settings.spindle_max_rpm * (speed / MAX_FAN_SPEED));
             write_millionths(rpm.0, write);
         }
-        (2 | 3, 0) => write(b"M9"),
-        (2, _) => write(b"M8"),
-        (3, _) => write(b"M7"),
-        (_, 0) => return Ok(Some(HostCommand::Nothing)),
-        (_, _) => return Ok(Some(HostCommand::NotPresent(number))),
+        (2 | 3, false) => write(b"M9"),
+        (2, true) => write(b"M8"),
+        (3, true) => write(b"M7"),
+        (_, false) => return Ok(Some(HostCommand::Nothing)),
+        (_, true) => return Ok(Some(HostCommand::NotPresent(number))),
     }
     Ok(None)
 }
@@ -114,8 +113,8 @@ pub(super) fn fan(
 /// The time of a pause: S in seconds before P in milliseconds.
 pub(super) fn pause_ms(line: &[u8]) -> Result<Option<u32>, LineError> {
     let milliseconds = match (value(line, b'S')?, value(line, b'P')?) {
-        (Some(seconds), _) => seconds.to_thousandths(),
-        (None, Some(milliseconds)) => milliseconds.trunc(),
+        (Some(seconds), _) => seconds.at_least_one(Decimal::to_thousandths),
+        (None, Some(milliseconds)) => milliseconds.at_least_one(Decimal::trunc),
         (None, None) => return Ok(None),
     };
     let milliseconds = u32::try_from(milliseconds).map_err(|_| LineError::ValueOutOfRange)?;
@@ -124,15 +123,25 @@ pub(super) fn pause_ms(line: &[u8]) -> Result<Option<u32>, LineError> {
 
 /// S in whole seconds.
 pub(super) fn seconds<T: TryFrom<i64>>(line: &[u8]) -> Result<Option<T>, LineError> {
-    let Some(seconds) = value(line, b'S')? else {
-        return Ok(None);
-    };
-    let seconds = T::try_from(seconds.trunc()).map_err(|_| LineError::ValueOutOfRange)?;
-    Ok(Some(seconds))
+    value(line, b'S')?.map(whole).transpose()
 }
 
-/// S in per cent, brought into a range.
-pub(super) fn percent(line: &[u8], range: RangeInclusive<i64>) -> Result<Option<u16>, LineError> {
-    let percent = value(line, b'S')?;
-    Ok(percent.map(|percent| percent.trunc().clamp(*range.start(), *range.end()) as u16))
+/// A number without a fraction.
+fn whole<T: TryFrom<i64>>(number: Decimal) -> Result<T, LineError> {
+    if !number.is_whole() {
+        return Err(LineError::NotInteger);
+    }
+    T::try_from(number.trunc()).map_err(|_| LineError::ValueOutOfRange)
+}
+
+/// S in whole per cent, within a range.
+pub(super) fn percent(line: &[u8], range: RangeInclusive<u16>) -> Result<Option<u16>, LineError> {
+    let Some(percent) = value(line, b'S')?.map(whole).transpose()? else {
+        return Ok(None);
+    };
+    if range.contains(&percent) {
+        Ok(Some(percent))
+    } else {
+        Err(LineError::ValueOutOfRange)
+    }
 }

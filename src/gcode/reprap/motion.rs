@@ -246,8 +246,8 @@ pub(super) fn dwell(
     write: &mut impl FnMut(&[u8]),
 ) -> Result<Option<HostCommand>, LineError> {
     let milliseconds = match (value(line, b'S')?, value(line, b'P')?) {
-        (Some(seconds), _) => seconds.to_thousandths(),
-        (None, Some(milliseconds)) => milliseconds.trunc(),
+        (Some(seconds), _) => seconds.at_least_one(Decimal::to_thousandths),
+        (None, Some(milliseconds)) => milliseconds.at_least_one(Decimal::trunc),
         (None, None) => 0,
     };
     if milliseconds == 0 {

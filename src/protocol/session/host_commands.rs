@@ -193,14 +193,24 @@ impl Session {
         let words = self.host.raw.words();
         let is_common = command == HostCommand::CommonAcceleration;
         let letters: &[u8] = if is_common { b"STP" } else { &LETTERS };
+        let per_setting = if command == HostCommand::Speed {
+            60.0
+        } else {
+            1.0
+        };
         let mut limits = Axes::all(None);
         for (index, letter) in letters.iter().enumerate() {
             let limit = match reprap::value(words, *letter) {
                 Ok(None) => continue,
-                Ok(Some(limit)) if limit.to_f32() > 0.0 => limit.to_f32(),
-                Ok(Some(_)) => return self.refuse(LineError::NotPositive),
+                Ok(Some(limit)) if limit.to_f32() <= 0.0 => {
+                    return self.refuse(LineError::NotPositive);
+                }
+                Ok(Some(limit)) => limit.to_f32() * per_setting,
                 Err(error) => return self.refuse(error),
             };
+            if !Settings::AXIS_LIMITS.contains(&limit) {
+                return self.refuse(LineError::ValueOutOfRange);
+            }
             for (axis, place) in limits.iter_mut().enumerate() {
                 if is_common && axis < LINEAR || !is_common && axis == index {
                     *place = Some(limit);
@@ -219,7 +229,7 @@ impl Session {
         for (axis, limit) in limits.iter().enumerate() {
             let Some(limit) = limit else { continue };
             match command {
-                HostCommand::Speed => lowered.speed_mm_min[axis] = limit * 60.0,
+                HostCommand::Speed => lowered.speed_mm_min[axis] = *limit,
                 _ => lowered.acceleration_mm_s2[axis] = *limit,
             }
         }

@@ -379,6 +379,24 @@ impl Session {
         self.send(from, links)
     }
 
+    /// Says what the line has to tell before its answer.
+    fn report_outcome(&mut self) {
+        let outcome = &self.line.outcome;
+        let settings = &self.persistence.stored.settings;
+        let text = &mut self.reports.message;
+        match outcome.message {
+            Some(Message::EmptyToolTable) => report::feedback(text, Feedback::EmptyToolTable),
+            Some(Message::LongDwell { seconds }) => report::long_dwell(text, seconds),
+            Some(Message::ProgramEnd) | None => {}
+        }
+        if outcome.lacks_speed && !settings.laser && !settings.spindle_relay {
+            report::feedback(text, Feedback::NoSpindleSpeed);
+        }
+        if outcome.ends_before_switch {
+            report::feedback(text, Feedback::EndsBeforeSwitch);
+        }
+    }
+
     /// Sends the commands of a line that began at a position, unless it leaves the travel.
     fn send(&mut self, from: Axes<Nm>, links: &mut Links<'_, '_>) -> Progress {
         let machine = links.machine;
@@ -400,19 +418,7 @@ impl Session {
         let drilling = self.line.outcome.commands.iter().position(is_move);
         self.line.drilling = drilling.filter(|_| self.line.checked.drills());
         self.queue_message(self.line.checked.pauses_program(), machine);
-        match self.line.outcome.message {
-            Some(Message::EmptyToolTable) => {
-                report::feedback(&mut self.reports.message, Feedback::EmptyToolTable);
-            }
-            Some(Message::LongDwell { seconds }) => {
-                report::long_dwell(&mut self.reports.message, seconds);
-            }
-            Some(Message::ProgramEnd) | None => {}
-        }
-        let settings = self.settings();
-        if self.line.outcome.lacks_speed && !settings.laser && !settings.spindle_relay {
-            report::feedback(&mut self.reports.message, Feedback::NoSpindleSpeed);
-        }
+        self.report_outcome();
         self.reports.is_tool_due |= self.line.outcome.shows_tool && !is_checking;
         if is_checking && !is_compensated {
             self.line.outcome.commands.clear();

@@ -58,7 +58,11 @@ const fn settings_bytes(axes: usize) -> usize {
     while index < TABLE.len() {
         let row = &TABLE[index];
         let value_type = match row.kind {
-            Kind::Flag(_) | Kind::Bits(..) | Kind::AxisMask(_) | Kind::Byte { .. } => WHOLE,
+            Kind::Flag(_)
+            | Kind::AnyBit(_)
+            | Kind::Bits(..)
+            | Kind::AxisMask(_)
+            | Kind::Byte { .. } => WHOLE,
             Kind::Number(..) | Kind::AxisNumber(..) => NUMBER,
             Kind::AxisResolution(_) => MILLIONTHS,
         };

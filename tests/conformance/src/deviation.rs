@@ -206,6 +206,14 @@ deviations! {
     ProbedValue: "D74", true,
         "P in a probing move is the work coordinate of its contact",
         "an answer other than `error:36` to a G38.2 to G38.5 with a P word";
+    Numbers: "D77", true,
+        "a number that cannot be done as it is written is refused",
+        "an error for `ok`: 23 to a G, M, T, P or L with a fraction, 20 or 29 to a G10 with P or L above 255, \
+         39 to an F below 1, and to an F or S above 10000000";
+    SettingNumbers: "D78", true,
+        "a setting is what is written, or it is refused",
+        "an error for `ok`, to `$n=` with a fraction where the setting is whole or that is no number of a \
+         setting, and to one that is on or off with more than 1; and what `$$` shows of it";
 }
 
 impl Deviation {
@@ -246,6 +254,9 @@ pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviati
     }
     if theirs == "ok" && ours == "error:39" && has_word(code, 'G', &[4.0]) {
         return Some(Deviation::Dwells);
+    }
+    if theirs == "ok" && is_number_refused(code, ours) {
+        return Some(Deviation::Numbers);
     }
     if ours != theirs && is_answer && has_long_number(code) {
         return Some(Deviation::Digits);
@@ -348,6 +359,25 @@ fn of_programs(code: &str, ours: &str, theirs: &str) -> Option<Deviation> {
     (is_habit || is_mark && theirs.starts_with("error:")).then_some(Deviation::ProgramHabits)
 }
 
+/// Whether an error is that of a number which a line without blanks and comments has.
+fn is_number_refused(code: &str, ours: &str) -> bool {
+    let is_beyond_byte = |number: f64| number > 255.0;
+    let has = |letters: &str, is: &dyn Fn(f64) -> bool| {
+        letters
+            .chars()
+            .any(|letter| numbers_of(code, letter).any(is))
+    };
+    match ours {
+        "error:23" => has("GMTPL", &|number| number.fract() != 0.0),
+        "error:20" => has_word(code, 'G', &[10.0]) && has("L", &is_beyond_byte),
+        "error:29" => has_word(code, 'G', &[10.0]) && has("P", &is_beyond_byte),
+        "error:39" => {
+            has("F", &|number| 0.0 < number && number < 1.0) || has("FS", &|number| number > 1.0e7)
+        }
+        _ => false,
+    }
+}
+
 /// Digits of a number that Grbl reads.
 const GRBL_DIGITS: usize = 8;
 
@@ -370,13 +400,18 @@ fn has_path_control(code: &str) -> bool {
 
 /// Whether a line without blanks and comments has a letter with one of some numbers.
 fn has_word(code: &str, letter: char, numbers: &[f64]) -> bool {
-    let code = code.to_ascii_uppercase();
-    code.split(letter).skip(1).any(|rest| {
+    numbers_of(code, letter).any(|number| numbers.contains(&number))
+}
+
+/// The numbers of a letter.
+fn numbers_of(code: &str, letter: char) -> impl Iterator<Item = f64> {
+    let is_letter = move |other: char| other.to_ascii_uppercase() == letter;
+    code.split(is_letter).skip(1).filter_map(|rest| {
         let number: String = rest
             .chars()
             .take_while(|letter| letter.is_ascii_digit() || *letter == '.')
             .collect();
-        number.parse().is_ok_and(|number| numbers.contains(&number))
+        number.parse().ok()
     })
 }
 
@@ -438,6 +473,25 @@ mod tests {
         let dwells = Some(Deviation::Dwells);
         assert_eq!(of_answers("G4P9999999", "error:39", "ok"), dwells);
         assert_eq!(of_answers("G64P9999999", "error:39", "ok"), None);
+    }
+
+    #[test]
+    fn numbers_differ_for_a_reason_only() {
+        let reason = Some(Deviation::Numbers);
+        for (line, ours, expected) in [
+            ("T1.5", "error:23", reason),
+            ("G10L2P1X1.5", "error:23", None),
+            ("G10L258P1X1", "error:20", reason),
+            ("G10L2P1X258", "error:20", None),
+            ("G10L2P257X1", "error:29", reason),
+            ("G4P257", "error:29", None),
+            ("G1X1F.5", "error:39", reason),
+            ("G1X1F1.5", "error:39", None),
+            ("S20000000", "error:39", reason),
+        ] {
+            assert_eq!(of_answers(line, ours, "ok"), expected, "{line}");
+            assert_eq!(of_answers(line, "ok", ours), None, "{line}");
+        }
     }
 
     #[test]

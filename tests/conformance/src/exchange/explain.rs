@@ -7,7 +7,7 @@ use super::{
     received::{Pair, ReceivedLine, align},
     rules::{
         differs_in_mist, differs_in_tool, displacement, is_arc, is_build_options, is_consequence,
-        is_setting_out_of_range, stores,
+        is_setting_out_of_range, of_dollar, stores,
     },
     status::is_rounded_otherwise,
     stops::Stops,
@@ -262,9 +262,8 @@ impl<'a> LineComparison<'a> {
             let has_none = jog.is_some_and(|jog| !jog.contains(['X', 'Y', 'Z', 'A', 'B', 'C']));
             return has_none.then_some(Deviation::JogWithoutAxes);
         }
-        if their_ok && line.starts_with("$N") && our.is_error(LineError::InvalidStatement) {
-            let exists = line.starts_with("$N0=") || line.starts_with("$N1=");
-            return (!exists).then_some(Deviation::StartupLines);
+        if their_ok && let Some(deviation) = of_dollar(&line, our) {
+            return Some(deviation);
         }
         if their_ok && our.is_error(LineError::InvalidTarget) {
             return self.is_far(&line).then_some(Deviation::FarTargets);

@@ -1,6 +1,9 @@
 //! Single lines: what they say, and what Grbl does for them.
 
-use super::status::numbers;
+use leadscrew::gcode::LineError;
+
+use super::{received::ReceivedLine, status::numbers};
+use crate::deviation::Deviation;
 use simulation::sender;
 
 /// Whether two lines differ as those of two machines that are in different places or, one of them,
@@ -114,9 +117,55 @@ pub(super) fn is_setting_out_of_range(line: &str) -> bool {
     }
 }
 
+/// Why a `$` statement is refused of which Grbl takes a part.
+pub(super) fn of_dollar(line: &str, our: &ReceivedLine) -> Option<Deviation> {
+    let is_unknown = our.is_error(LineError::InvalidStatement);
+    if is_setting_cut(line) && (is_unknown || our.is_error(LineError::SettingOutOfRange)) {
+        return Some(Deviation::SettingNumbers);
+    }
+    let exists = line.starts_with("$N0=") || line.starts_with("$N1=");
+    (is_unknown && line.starts_with("$N") && !exists).then_some(Deviation::StartupLines)
+}
+
+/// Whether a `$` statement gives a setting a number that it cannot have as it is written.
+fn is_setting_cut(line: &str) -> bool {
+    let statement = line.strip_prefix('$').map(|it| it.trim_start_matches('N'));
+    let Some((number, value)) = statement.and_then(|statement| statement.split_once('=')) else {
+        return false;
+    };
+    if number.contains('.') {
+        return true;
+    }
+    let (Ok(number), Ok(value)) = (number.parse::<u16>(), value.parse::<f64>()) else {
+        return false;
+    };
+    match number {
+        13 | 20 | 21 | 32 => value != 0.0 && value != 1.0,
+        0..=10 | 22 | 23 | 26 | 30 | 31 => value.fract() != 0.0,
+        _ => value > 0.0 && value < 1.0e-6,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_numbers_that_a_setting_cannot_have_are_excused() {
+        for (line, is_cut) in [
+            ("$32=2", true),
+            ("$4=2", false),
+            ("$10=2.5", true),
+            ("$10=2", false),
+            ("$100=2.5", false),
+            ("$11=0.0000001", true),
+            ("$12.5=1", true),
+            ("$N0.5=G21", true),
+            ("$N0=G1X1.5", false),
+        ] {
+            assert_eq!(is_setting_cut(line), is_cut, "{line}");
+        }
+    }
 
     #[test]
     fn only_larger_buffers_are_excused() {

@@ -326,8 +326,37 @@ fn codes_table() -> Result<String> {
             )?;
         }
     }
+    text.push_str(LIMITS);
     Ok(text)
 }
+
+/// The ends of what numbers can say: `tests/machine/numbers.rs` walks them.
+const LIMITS: &str = "\n## What is limited\n\n\
+    A number is done as it is written, or its line is refused and changes nothing. Nine decimals of a number\n\
+    count.\n\n\
+    | number | from, to | beyond | within |\n|---|---|---|---|\n\
+    | `F` per minute, of programs and jogs | 1 to 10 000 000 mm, or degrees where only axes turn; 0 is none | 39; 0 22 in a feed move | the axes' largest speeds and the proven step rate limit the move; with an override it is not slower than 1 mm/min |\n\
+    | `F` in `G93` | 1 / 71582 (49 days) to 10 000 000 per minute | 39; 0 22 | the same limits |\n\
+    | `S` | 0 to 10 000 000 | 39 | above `$30` full power, below `$31` that of `$31`, as in Grbl |\n\
+    | coordinates, `I` `J` `K`, `R` of arcs and cycles | 2^29 steps of the axis on either side, at most 9 000 km | 33, 34 | rounded to 1 nm, or a millionth of a degree |\n\
+    | `P` of `G4` and cycles | 0 to 4 294 967 s | 39 | rounded to 1 ms; what is above 0 is 1 ms at least |\n\
+    | `P` of `G2` and `G3` | 1 to 65 535 | 39; with a fraction 23 | |\n\
+    | `P` `Q` of `G64` | 1 nm to 4.29 m, or 0 | 39 | |\n\
+    | `Q` of `G73` and `G83` | one step of the axis, and more | 19, 39 | |\n\
+    | `L` of cycles | 1 to 255 | 19, 39; with a fraction 23 | |\n\
+    | `L` and `P` of `G10` | the codes and systems above; a tool of `P` as `T` | 20, 29, 38; with a fraction 23 | |\n\
+    | `R` of `G10 L2` | below 10^12 degrees | 39 | rounded to a millionth of a degree; whole turns do not count |\n\
+    | `T` `H` `D`, `Q` of `M61` | 0 to 255 | 38; with a fraction 23 | `D` of `G41.1` and `G42.1` is a length: 1 nm and more, or 0 |\n\
+    | `N` | 0 to 10 000 000 | 27 | a fraction is read, as in LinuxCNC, and not reported |\n\
+    | `P` of `M50` and `M51` | 0, or any other | 4 below 0 | |\n\
+    | the number of a `G` or `M` | two decimals | 20, 23 | |\n\n\
+    Overrides go from 10 to 200 % and keep to these ends, as in Grbl. `$`-settings have the values that\n\
+    [settings.md](settings.md) lists, and no other: a fraction of a whole one, more than 1 where there is on or off, and\n\
+    what is above 0 and below a millionth are `error:52`. `$$` shows three decimals, as Grbl does; all that was set\n\
+    counts, for the resolution to a millionth of a step per mm. Bits of axes that are not there, in `$2`, `$3`, `$23` and\n\
+    `$788`, are kept and shown, as in Grbl, and do nothing. `$4`, `$5` and `$6` are on, and shown as 1, with any of the\n\
+    bits that grblHAL has for the axes. Travels, `$27`, `$56` and `$58` are at most what their axis\n\
+    can count. Negative numbers where only positive ones mean something are error 4.\n";
 
 fn errors_table() -> Result<String> {
     let mut text = String::from(
