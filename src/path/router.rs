@@ -84,7 +84,7 @@ struct Geometry {
     steps_per_mm: Axes<f32>,
     /// Movement of the axes per mm of path, at the start and at the end.
     tangents: [Axes<f32>; 2],
-    /// Curvature at the start and at the end, 1/mm, towards the centre.
+    /// Curvature at the start and at the end, 1/mm, towards the centre; 0 where a jump of it is not limited.
     curvatures: [Axes<f32>; 2],
     limit_mm_s: f32,
     acceleration_mm_s2: f32,

@@ -1,6 +1,7 @@
 //! Motion as the step pins show it: counts, paths, limits, and the time that segments take.
 #![cfg(not(target_os = "none"))]
 
+mod arc_jerk;
 mod arcs;
 mod arithmetic;
 mod contours;

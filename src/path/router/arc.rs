@@ -98,8 +98,12 @@ impl Router {
             jerk_mm_s3: in_plane(&limits.jerk_mm_s3),
             curvature_per_mm: plane_share * plane_share * arc.curvature(end),
         });
-        let (limit_mm_s, acceleration) =
-            limits.jerk_limited(&ends, (limit_mm_s, acceleration), feed_rate, length_mm);
+        let (limit_mm_s, acceleration) = limits.of_arc(
+            &ends,
+            (limit_mm_s, acceleration),
+            feed_rate,
+            (length_mm, arc.sweep),
+        );
         let ratio = arc.limit_ratio() as f32;
         Geometry {
             length_mm,
@@ -110,7 +114,7 @@ impl Router {
                     .map(|part| part as f32 * plane_share as f32);
                 with_plane(direction, axes, tangent)
             }),
-            curvatures: if limits.window.is_jerk_limited() {
+            curvatures: if limits.limits_jerk_of_arcs() {
                 [0, 1].map(|end| {
                     let curvature_per_mm = ends[usize::from(end)].curvature_per_mm;
                     let inwards = arc

@@ -3,6 +3,14 @@
 //! Along an arc of curvature k at the speed v the acceleration is v²k towards the centre and s'' along
 //! the path. Its derivative is s''' - v³k² along the path and 3vk·s'' towards the centre. Double
 //! precision, once per arc, in the task without a deadline.
+//!
+//! Chords that leave an arc of radius r by the junction deviation δ meet at corners that are passed at
+//! v² = a·(r - δ), nearly the centripetal limit a·r, and the corners at the arc's ends are slighter. So
+//! where corners are passed in motion, an arc is passed as its chords would be: as fast as the acceleration
+//! allows. That bounds what is left of the jerk: v³k² ≤ √(a³k) at constant speed, and acceleration
+//! changes at once by a at most where an arc meets a line, by 2a where two arcs meet. With a junction
+//! deviation of 0, chords would stop at each corner: then the jerk limit holds on arcs, as it does on the
+//! arcs of rounded corners.
 
 use super::{Limits, programmed_mm_s};
 use crate::{axis::Axes, math, model::FeedRate, path::AveragingWindow};
@@ -10,6 +18,11 @@ use crate::{axis::Axes, math, model::FeedRate, path::AveragingWindow};
 /// Greatest part of the acceleration towards the centre. The part that is left along the path is the
 /// other leg of the triangle, √(1 - 0.9²) = 0.44.
 const CENTRIPETAL_PART: f64 = 0.9;
+/// The same on arcs that the machine comes to in motion, where the programmed speed asks for it: 0.31 is
+/// left, and the arc takes 2.6 % longer than at the centripetal limit.
+const CRUISING_PART: f64 = 0.95;
+/// An arc of that angle or more is a circle: most begin and end at a standstill or a corner, rad.
+const CIRCLE_RAD: f64 = 6.0;
 /// Greatest part of the jerk at constant speed, v³k². The other half is left for changes of speed.
 const CONSTANT_SPEED_PART: f64 = 0.5;
 /// Time in which the jerk limit produces the greatest step of centripetal acceleration at a junction,
@@ -32,23 +45,33 @@ pub(super) struct ArcJerk {
 }
 
 impl ArcJerk {
+    /// Returns the speed at which a part of the acceleration is towards the centre, mm/s.
+    fn centripetal_mm_s(&self, part: f64) -> f64 {
+        let acceleration = part * f64::from(self.acceleration_mm_s2);
+        libm::sqrt(acceleration / self.curvature_per_mm)
+    }
+
     /// Returns the greatest speed, mm/s.
     fn speed_mm_s(&self) -> f32 {
-        let acceleration = CENTRIPETAL_PART * f64::from(self.acceleration_mm_s2);
-        let by_acceleration = libm::sqrt(acceleration / self.curvature_per_mm);
+        let by_acceleration = self.centripetal_mm_s(CENTRIPETAL_PART);
         let jerk = CONSTANT_SPEED_PART * f64::from(self.jerk_mm_s3);
         let by_jerk = libm::cbrt(jerk / (self.curvature_per_mm * self.curvature_per_mm));
         by_acceleration.min(by_jerk) as f32
     }
 
-    /// Returns the acceleration along the path up to a speed, mm/s².
-    fn along_mm_s2(&self, speed_mm_s: f32, window: AveragingWindow) -> f32 {
+    /// Returns the acceleration that is left along the path up to a speed, mm/s².
+    fn left_mm_s2(&self, speed_mm_s: f32) -> f64 {
         let speed = f64::from(speed_mm_s);
         let acceleration = f64::from(self.acceleration_mm_s2);
+        let centripetal = speed * speed * self.curvature_per_mm;
+        libm::sqrt((acceleration * acceleration - centripetal * centripetal).max(0.0))
+    }
+
+    /// Returns the same within the jerk limit, mm/s².
+    fn along_mm_s2(&self, speed_mm_s: f32, window: AveragingWindow) -> f32 {
+        let speed = f64::from(speed_mm_s);
         let jerk = f64::from(self.jerk_mm_s3);
         let centripetal = speed * speed * self.curvature_per_mm;
-        let by_acceleration =
-            libm::sqrt((acceleration * acceleration - centripetal * centripetal).max(0.0));
         // The root of (a/T + p)² + (q·a)² = j² for a, with the averaging window T.
         let per_s = 1.0 / f64::from(window.seconds());
         let p = speed * centripetal * self.curvature_per_mm;
@@ -57,7 +80,7 @@ impl ArcJerk {
         let half = p * per_s;
         let remainder = (jerk * jerk - p * p).max(0.0);
         let by_jerk = (libm::sqrt(half * half + square * remainder) - half) / square;
-        by_acceleration.min(by_jerk) as f32
+        self.left_mm_s2(speed_mm_s).min(by_jerk) as f32
     }
 }
 
@@ -77,6 +100,42 @@ impl Limits {
         let per_mm = math::sqrt(square);
         let jerk_mm_s3 = per_mm * Self::along(&self.jerk_mm_s3, &self.motors_of(*change_per_mm));
         curvature_change_sqr(per_mm, jerk_mm_s3)
+    }
+
+    /// Returns whether an arc has to keep the jerk limit.
+    pub(super) fn limits_jerk_of_arcs(&self) -> bool {
+        self.window.is_jerk_limited() && self.junction_deviation_mm <= 0.0
+    }
+
+    /// Returns the greatest speed on an arc of an angle and the acceleration along it, from those without
+    /// a jerk limit and from the ends of the arc, at a feed rate that may be overridden.
+    pub(super) fn of_arc(
+        &self,
+        ends: &[ArcJerk; 2],
+        (mut speed_mm_s, mut acceleration_mm_s2): (f32, f32),
+        feed_rate: FeedRate,
+        (length_mm, sweep_rad): (f32, f64),
+    ) -> (f32, f32) {
+        if !self.window.is_jerk_limited() || self.limits_jerk_of_arcs() {
+            let limits = (speed_mm_s, acceleration_mm_s2);
+            return self.jerk_limited(ends, limits, feed_rate, length_mm);
+        }
+        let programmed = programmed_mm_s(feed_rate, length_mm, speed_mm_s);
+        let most = if libm::fabs(sweep_rad) < CIRCLE_RAD {
+            CRUISING_PART
+        } else {
+            CENTRIPETAL_PART
+        };
+        for end in ends {
+            let [least, most] =
+                [CENTRIPETAL_PART, most].map(|part| end.centripetal_mm_s(part) as f32);
+            speed_mm_s = speed_mm_s.min(programmed.max(least).min(most));
+        }
+        let fastest = speed_mm_s.min(MAX_FEED_OVERRIDE * programmed);
+        for end in ends {
+            acceleration_mm_s2 = acceleration_mm_s2.min(end.left_mm_s2(fastest) as f32);
+        }
+        (speed_mm_s, acceleration_mm_s2)
     }
 
     /// Returns the greatest speed on an arc and the acceleration along it, from those without a jerk

@@ -5,6 +5,7 @@
 //! are fitted to the step times ([`sweep`]). Everything is taken as it comes, in bounded memory.
 //! `docs/motion-quality.md` has the formulas.
 
+mod arcs;
 mod axis;
 mod corners;
 mod fit;
@@ -27,6 +28,7 @@ use leadscrew::{
 use serde::Serialize;
 use simulation::program_reader::ProgramReader;
 
+use arcs::{ArcFigures, Arcs};
 use axis::Track;
 use corners::Corners;
 use fit::Crossing;
@@ -101,6 +103,8 @@ pub(crate) struct Quality {
     pub(crate) deviation: Deviation,
     /// At the corners of the program.
     pub(crate) corners: Corners,
+    /// Jerk of arcs beside the limit of jerk.
+    pub(crate) arcs: ArcFigures,
     /// At the programmed feed.
     pub(crate) feed: FeedTime,
     /// The limits that were exceeded by more than the error of the measurement: limits of moves, and for corners the
@@ -170,6 +174,7 @@ pub(crate) struct Meter {
     /// The newest speed along the path.
     speed_mm_s: f64,
     corners: corners::Meter,
+    arcs: Arcs,
     feed: FeedTime,
     steps: [i32; AXES],
     first_ticks: Option<u64>,
@@ -194,6 +199,11 @@ impl Meter {
                 &motor_scales.accelerations,
                 &motor_scales.steps_per_mm,
             )),
+            arcs: Arcs {
+                is_allowed: motor_scales.jerks.iter().any(Option::is_some)
+                    && settings.junction_deviation_mm > 0.0,
+                ..Arcs::default()
+            },
             follower: Follower::new(motor_scales.steps_per_mm),
             motor_scales,
             programmed: Programmed::new(reader),
@@ -293,11 +303,13 @@ impl Meter {
         let here = array::from_fn(|n| f64::from(self.steps[n]) / self.motor_scales.steps_per_mm[n]);
         self.corners.place(seconds, here);
         for (axis, sign) in signs.into_iter().enumerate().filter(|(_, sign)| *sign != 0) {
+            let [acceleration, jerk] = self.motor_scales.limits[axis];
+            let allowed = self.arcs.allowed_mm_s3 * self.motor_scales.ratios[axis];
             self.tracks[axis].push(Crossing {
                 seconds,
                 position: f64::from(self.steps[axis]) - 0.5 * f64::from(sign),
                 grain_s,
-                limit: self.motor_scales.limits[axis],
+                limit: [acceleration, with_arc(jerk, allowed)],
             });
         }
         self.last_ticks = edge.ticks;
@@ -313,7 +325,11 @@ impl Meter {
         let jerk = least(&|axis| self.motor_scales.jerks[axis]);
         [
             least(&|axis| Some(self.motor_scales.accelerations[axis])),
-            if jerk.is_finite() { jerk } else { 0.0 },
+            if jerk.is_finite() {
+                with_arc(jerk, self.arcs.along_mm_s3)
+            } else {
+                0.0
+            },
         ]
     }
 
@@ -326,9 +342,12 @@ impl Meter {
             self.tracks.iter_mut().for_each(Track::turn);
         } else if passed.is_exact {
             let speed_mm_s = self.speed_mm_s.min(passed.corner.allowed_mm_s);
+            let curvature_change = &passed.corner.curvature_change;
+            let jumps_mm_s2 = self.arcs.jumps_mm_s2(curvature_change, self.speed_mm_s);
             for (axis, track) in self.tracks.iter_mut().enumerate() {
-                let change = passed.corner.change[axis] * self.motor_scales.ratios[axis];
-                track.allow(seconds, speed_mm_s * change.abs());
+                let jumps = [speed_mm_s * passed.corner.change[axis], jumps_mm_s2[axis]];
+                let ratio = self.motor_scales.ratios[axis];
+                track.allow(seconds, jumps.map(|jump| (jump * ratio).abs()));
             }
         }
         if passed.corner.is_stop || passed.corner.is_regeared {
@@ -346,6 +365,13 @@ impl Meter {
         if self.path_axis.replace(progress.axis) != Some(progress.axis) {
             self.path.interrupt();
         }
+        let plane = progress.tangent.iter().zip(&progress.curvature);
+        let accelerations = plane
+            .zip(&self.motor_scales.accelerations)
+            .filter(|((tangent, curvature), _)| tangent.abs() + curvature.abs() > 1.0e-9);
+        let acceleration = accelerations.fold(f64::INFINITY, |least, (_, a)| least.min(*a));
+        self.arcs
+            .follow(&progress.curvature, self.speed_mm_s, acceleration);
         let crossing = Crossing {
             seconds,
             position: progress.mm,
@@ -406,6 +432,7 @@ impl Meter {
             path: path.smoothness,
             deviation,
             corners: self.corners.finish(),
+            arcs: self.arcs.greatest,
             feed: self.feed,
             violations: Vec::new(),
             is_path_known: self.is_path_known,
@@ -415,6 +442,15 @@ impl Meter {
             ..quality
         };
         (quality, traces)
+    }
+}
+
+/// A limit of jerk with what an arc allows beside it; 0 without a limit.
+fn with_arc(limit_mm_s3: f64, allowed_mm_s3: f64) -> f64 {
+    if limit_mm_s3 > 0.0 {
+        limit_mm_s3 + allowed_mm_s3
+    } else {
+        0.0
     }
 }
 

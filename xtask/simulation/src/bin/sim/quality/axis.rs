@@ -98,10 +98,10 @@ impl Track {
         self.is_first = true;
     }
 
-    /// Allows the jump of the speed of the axis in a corner, mm/s.
-    pub(super) fn allow(&mut self, seconds: f64, jump_mm_s: f64) {
+    /// Allows the jumps of speed and acceleration of the axis between two pieces, mm/s and mm/s².
+    pub(super) fn allow(&mut self, seconds: f64, jumps: [f64; 2]) {
         for sweep in [&mut self.acceleration, &mut self.jerk, &mut self.jump] {
-            sweep.allow(seconds, jump_mm_s);
+            sweep.allow(seconds, jumps);
         }
     }
 

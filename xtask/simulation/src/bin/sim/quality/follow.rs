@@ -49,8 +49,9 @@ pub(super) struct Progress {
     pub(super) axis: usize,
     /// Distance along the path, mm.
     pub(super) mm: f64,
-    /// The direction of the path.
+    /// The direction of the path, and its curvature, 1/mm.
     pub(super) tangent: Point,
+    pub(super) curvature: Point,
     pub(super) feed_mm_s: Option<f64>,
 }
 
@@ -256,6 +257,7 @@ impl Follower {
             axis,
             mm: distances_mm[axis]?,
             tangent,
+            curvature: piece.curvature(self.share),
             feed_mm_s: piece.feed_mm_s,
         })
     }

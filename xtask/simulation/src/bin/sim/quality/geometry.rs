@@ -93,6 +93,8 @@ pub(crate) struct Corner {
     pub(crate) turn_rad: f64,
     /// By how much the direction changes along each axis, as parts of the speed.
     pub(crate) change: Point,
+    /// By how much the curvature changes along each axis, 1/mm.
+    pub(crate) curvature_change: Point,
     /// The speed that the junction deviation allows, mm/s.
     pub(crate) allowed_mm_s: f64,
     /// A stop of the machine is programmed between the two pieces.
@@ -221,6 +223,23 @@ impl Piece {
         slope.map(|part| part / length)
     }
 
+    /// The curvature at a share of the length, towards the centre, 1/mm. It leaves out that the radius changes.
+    pub(crate) fn curvature(&self, share: f64) -> Point {
+        let mut curvature = [0.0; AXES];
+        if let Some(turn) = &self.turn {
+            let radius = turn.radius[0] + turn.radius[1] * share;
+            let size = radius * (turn.sweep / self.length_mm).powi(2);
+            let (sine, cosine) = (turn.angle + turn.sweep * share).sin_cos();
+            curvature[turn.axes[0]] = -size * cosine;
+            curvature[turn.axes[1]] = -size * sine;
+        }
+        if self.is_turned {
+            turned(&curvature)
+        } else {
+            curvature
+        }
+    }
+
     /// The share of the point of the piece that is nearest to a point, sought from a share on (Gauss and Newton).
     pub(crate) fn nearest(&self, point: &Point, from: f64) -> f64 {
         let mut share = from;
@@ -284,6 +303,8 @@ mod tests {
         assert!((arc.length_mm - TAU * 2.5).abs() < 1.0e-12);
         assert!((arc.tangent(0.0)[1] - 1.0).abs() < 1.0e-12);
         assert!((arc.tangent(1.0)[0] + 1.0).abs() < 1.0e-12);
+        let (begin, end) = (arc.curvature(0.0), arc.curvature(1.0));
+        assert!((begin[0] + 0.1).abs() < 1.0e-12 && (end[1] + 0.1).abs() < 1.0e-12);
         let middle = arc.at(0.5);
         assert!((middle[0] - 50.0_f64.sqrt()).abs() < 1.0e-12);
     }

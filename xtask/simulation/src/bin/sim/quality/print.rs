@@ -3,7 +3,8 @@
 use owo_colors::OwoColorize;
 
 use super::{
-    AxisQuality, Corners, Quality, Smoothness, corners::CornerSpeed, follow::Deviation, sweep::Peak,
+    ArcFigures, AxisQuality, Corners, Quality, Smoothness, corners::CornerSpeed, follow::Deviation,
+    sweep::Peak,
 };
 use common::text::{duration, separated};
 
@@ -20,6 +21,7 @@ pub(crate) fn text(quality: &Quality) -> String {
     lines.extend(quality.axes.iter().map(of_axis));
     lines.extend([of_path(quality), String::new()]);
     lines.extend(of_limits(quality));
+    lines.extend(of_arcs(&quality.arcs));
     if !quality.is_path_known {
         let why = "not known to its end: the machine refused a line, homed or probed";
         lines.push(row("path", why));
@@ -51,6 +53,17 @@ fn of_limits(quality: &Quality) -> Vec<String> {
     violations
         .map(|violation| row("limits", &violation.red().to_string()))
         .collect()
+}
+
+/// The jerk of arcs beside the limit, if any.
+fn of_arcs(arcs: &ArcFigures) -> Option<String> {
+    let (jerk, jump) = (arcs.jerk_mm_s3, arcs.jump_mm_s2);
+    (jerk.max(jump) > 0.0).then(|| {
+        row(
+            "arcs",
+            &format!("{jerk:.0} mm/s³ beside the limit, and {jump:.0} mm/s² at once at an end"),
+        )
+    })
 }
 
 fn of_deviation(deviation: &Deviation) -> [String; 3] {

@@ -19,6 +19,7 @@ pub(crate) struct Programmed {
     sent: Axes<Nm>,
     steps: Axes<Steps>,
     tangent: Option<Point>,
+    curvature: Point,
     length_mm: f64,
     /// The acceleration along each axis, or along the direction in which a motor of `CoreXY` moves the tool, mm/s².
     accelerations: Point,
@@ -34,6 +35,7 @@ impl Programmed {
             sent: Axes::all(Nm(0)),
             steps: Axes::all(Steps(0)),
             tangent: None,
+            curvature: [0.0; AXES],
             length_mm: 0.0,
             is_stop: false,
         }
@@ -109,6 +111,7 @@ impl Programmed {
         piece.corner = self.corner(&piece);
         self.length_mm += piece.length_mm;
         self.tangent = Some(piece.tangent(1.0));
+        self.curvature = piece.curvature(1.0);
         self.sent = target.position;
         self.steps = steps;
         self.is_stop = false;
@@ -132,6 +135,7 @@ impl Programmed {
         Corner {
             turn_rad: turn(&before, &after),
             change: minus(&after, &before),
+            curvature_change: minus(&piece.curvature(0.0), &self.curvature),
             allowed_mm_s: self.allowed_mm_s(&before, &after),
             is_stop: self.is_stop,
             is_regeared: !(0.5..=2.0).contains(&(norm(&after) / norm(&before))),

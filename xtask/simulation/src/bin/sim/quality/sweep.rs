@@ -98,8 +98,8 @@ pub(super) struct Sweep {
     points: VecDeque<Crossing>,
     /// Sum of the squared standard deviations of the times of the crossings, s².
     grains: f64,
-    /// Allowed jumps of the speed: time, s, and size, mm/s.
-    jumps: VecDeque<(f64, f64)>,
+    /// Allowed jumps: time, s, and size, of the speed, mm/s, and of the acceleration, mm/s².
+    jumps: VecDeque<(f64, [f64; 2])>,
     covered_until: f64,
     /// The excess of the peak over its threshold: 0, or the floor of a jump.
     excess: f64,
@@ -126,9 +126,9 @@ impl Sweep {
         self.grains = 0.0;
     }
 
-    /// Allows a jump of the speed at a time.
-    pub(super) fn allow(&mut self, seconds: f64, jump_mm_s: f64) {
-        self.jumps.push_back((seconds, jump_mm_s));
+    /// Allows jumps of the speed and of the acceleration at a time.
+    pub(super) fn allow(&mut self, seconds: f64, jumps: [f64; 2]) {
+        self.jumps.push_back((seconds, jumps));
         let begin = self.points.front().map_or(seconds, |first| first.seconds);
         while self.jumps.front().is_some_and(|(at, _)| *at < begin) {
             self.jumps.pop_front();
@@ -138,21 +138,23 @@ impl Sweep {
     /// The maximum effect of allowed jumps on a window, mm/s to a power, each jump in the middle.
     ///
     /// In the middle a jump of 1 mm/s has the greatest weight of the mean of derivative 2, (1 - x²)² over
-    /// its integral. The weight of derivative 3, (1 - x²)³, has its greatest slope.
+    /// its integral. The weight of derivative 3, (1 - x²)³, has its greatest slope, and in the middle the
+    /// greatest weight of a jump of 1 mm/s².
     fn allowance(&self, from_s: f64, to_s: f64) -> f64 {
         let in_window = self
             .jumps
             .iter()
             .filter(|(at, _)| (from_s..=to_s).contains(at));
-        let jumps: f64 = in_window.map(|(_, jump)| jump).sum();
+        let [speed, acceleration] = in_window.fold([0.0; 2], |sum, (_, jumps)| {
+            [sum[0] + jumps[0], sum[1] + jumps[1]]
+        });
         let seconds = to_s - from_s;
-        jumps
-            * match self.measurand {
-                Measurand::Speed => 0.0,
-                Measurand::Jump => 1.0,
-                Measurand::Acceleration => 1.875 / seconds,
-                Measurand::Jerk => 7.513 / seconds.powi(2),
-            }
+        match self.measurand {
+            Measurand::Speed => 0.0,
+            Measurand::Jump => speed,
+            Measurand::Acceleration => speed * 1.875 / seconds,
+            Measurand::Jerk => speed * 7.513 / seconds.powi(2) + acceleration * 2.1875 / seconds,
+        }
     }
 
     /// Takes the next crossing. Returns the measurement over the window that ends with the crossing, if a window does.

@@ -1,6 +1,6 @@
 //! Analytic motions through the meter.
 
-use std::f64::consts::SQRT_2;
+use std::f64::consts::{SQRT_2, TAU};
 
 use leadscrew::{
     axis::{AXES, Axes},
@@ -10,7 +10,7 @@ use leadscrew::{
 };
 use simulation::program_reader::ProgramReader;
 
-use super::{Meter, Quality, text};
+use super::{ArcFigures, Meter, Quality, text};
 
 const TICKS: f64 = TICKS_PER_SECOND as f64;
 
@@ -412,7 +412,7 @@ fn a_path_followed_at_an_offset_has_no_jumps_where_another_axis_dominates() {
 #[test]
 fn a_smooth_jerk_is_found() {
     // sin² speed: 20 mm in 1 s, jerk at most 2·20·(2π)²/2.
-    let distance = |t: f64| 20.0 * (t - (std::f64::consts::TAU * t).sin() / std::f64::consts::TAU);
+    let distance = |t: f64| 20.0 * (t - (TAU * t).sin() / TAU);
     let slow = Settings {
         acceleration_mm_s2: Axes::all(50.0),
         ..settings()
@@ -423,17 +423,67 @@ fn a_smooth_jerk_is_found() {
         &steps_of(1.0, |t| [distance(t), 0.0]),
     );
     let jerk = &quality.axes[0].smoothness.jerk_mm_s3;
-    let most = 20.0 * std::f64::consts::TAU.powi(2);
+    let most = 20.0 * TAU.powi(2);
     assert!(
         (0.9..1.1).contains(&(jerk.value / most)),
         "{jerk:?}, {most}"
     );
     assert!(jerk.floor < 0.2 * most, "{jerk:?}");
     let acceleration = &quality.axes[0].smoothness.acceleration_mm_s2;
-    let most = 20.0 * std::f64::consts::TAU;
+    let most = 20.0 * TAU;
     assert!(
         (0.93..1.05).contains(&(acceleration.value / most)),
         "{acceleration:?}, {most}"
+    );
+}
+
+#[test]
+fn the_jerk_of_an_arc_is_allowed_where_corners_are_passed_and_is_reported() {
+    // A line of 5 mm and half a circle of r 1 to the left, at 10 mm/s: 100 mm/s² and 1000 mm/s³ on it.
+    let at = |t: f64| {
+        let (sine, cosine) = (10.0 * (t - 0.5)).max(0.0).sin_cos();
+        [(10.0 * t).min(5.0) + sine, 1.0 - cosine]
+    };
+    let program = ["G1 X5 F600", "G3 X5 Y2 I0 J1"];
+    let steps = steps_of(0.8, at);
+    let with_deviation = |junction_deviation_mm: f32| {
+        let settings = Settings {
+            jerk_mm_s3: Axes::all(300.0),
+            junction_deviation_mm,
+            ..settings()
+        };
+        measured(&settings, &program, &steps)
+    };
+    let quality = with_deviation(0.01);
+    assert!((quality.arcs.jerk_mm_s3 / 1000.0 - 1.0).abs() < 0.02);
+    assert!((quality.arcs.jump_mm_s2 / 100.0 - 1.0).abs() < 0.02);
+    assert!(quality.violations.is_empty(), "{:?}", quality.violations);
+    assert!(text(&quality).contains("arcs"));
+    // A machine that stops in corners has to keep the limit on arcs, too.
+    let quality = with_deviation(0.0);
+    assert_eq!(quality.arcs, ArcFigures::default());
+    let violations = quality.violations.iter();
+    assert!(violations.clone().any(|it| it.contains("jerk limit of Y")));
+    assert!(!text(&quality).contains("arcs"));
+}
+
+#[test]
+fn a_jerk_beyond_that_of_the_arc_is_none_of_it() {
+    // 10 mm/s and 6 mm/s in turns, on a circle of r 10: the arc makes 10 mm/s³ at most.
+    let angle = |t: f64| 0.8 * t + 0.2 / TAU / 5.0 * (TAU * 5.0 * t).sin();
+    let at = |t: f64| {
+        let (sine, cosine) = angle(t).sin_cos();
+        [10.0 * sine, 10.0 - 10.0 * cosine]
+    };
+    let settings = Settings {
+        jerk_mm_s3: Axes::all(300.0),
+        ..settings()
+    };
+    let quality = measured(&settings, &["G3 X0 Y20 I0 J10 F600"], &steps_of(1.9, at));
+    let violations = quality.violations.iter();
+    assert!(
+        violations.clone().any(|it| it.contains("jerk limit of X")),
+        "{quality:?}"
     );
 }
 
