@@ -38,7 +38,7 @@ fn main() -> std::io::Result<()> {
             self.print(answer);
         }
 
-        fn message(&mut self, _answers: u64, message: &[u8]) {
+        fn message(&mut self, _: &Simulator, _answers: u64, message: &[u8]) {
             self.print(message);
         }
     }

@@ -107,7 +107,7 @@ mod target {
             let _ = writeln!(self.lines, "answer {answer}");
         }
 
-        fn message(&mut self, answers: u64, message: &[u8]) {
+        fn message(&mut self, _: &Simulator, answers: u64, message: &[u8]) {
             let message = str::from_utf8(message).unwrap_or("?");
             let _ = writeln!(self.lines, "message {answers} {message}");
         }

@@ -22,7 +22,7 @@ use self::{
     cutter_move::{CutterMove, placed},
     plan::Plan,
 };
-use super::leaves_travel;
+use super::{Outside, leaves_travel};
 use crate::{
     axis::Axes,
     gcode::interpreter::CompensatedMove,
@@ -328,6 +328,21 @@ impl Compensator {
             && (self.waiting.as_ref().is_some_and(leaves)
                 || self.behind.iter().any(leaves_behind)
                 || self.around.as_ref().is_some_and(leaves))
+    }
+
+    /// Returns a coordinate for which [`Self::leaves_travel`] is true.
+    #[must_use]
+    pub fn outside(&self, settings: &Settings) -> Option<Outside> {
+        if !self.is_released {
+            return None;
+        }
+        let of =
+            |one: &CutterMove| Outside::on_path(settings, &one.start, &one.command(self.plane));
+        let mut behind = self.behind.iter().filter_map(Behind::command);
+        let waiting = self.waiting.as_ref().and_then(of);
+        waiting
+            .or_else(|| behind.find_map(|one| Outside::on_path(settings, &self.end, &one)))
+            .or_else(|| self.around.as_ref().and_then(of))
     }
 
     /// Returns the plane coordinates of the end, and the other ones of a position.

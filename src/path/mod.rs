@@ -19,4 +19,4 @@ pub use entry::{Entry, Work};
 pub(crate) use router::Limits;
 pub use router::Router;
 pub use tilted_arc::TiltedArc;
-pub use travel_limits::{is_axis_outside, is_outside, leaves_travel};
+pub use travel_limits::{Outside, is_axis_outside, is_outside, leaves_travel};

@@ -4,7 +4,7 @@
 //! turns freely, in grblHAL too. The farthest points of an arc are computed from
 //! its exact geometry, not from chords. Runs once per line, in `interpret`.
 
-use core::f64::consts::FRAC_PI_2;
+use core::{cell::Cell, f64::consts::FRAC_PI_2};
 
 use super::{TiltedArc, arc::Arc};
 use crate::{
@@ -45,6 +45,76 @@ pub fn leaves_travel(settings: &Settings, from: &Axes<Nm>, command: &Command) ->
     }
 }
 
+/// A coordinate outside the travel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Outside {
+    /// The axis.
+    pub axis: usize,
+    /// Its coordinate.
+    pub position: Nm,
+}
+
+impl Outside {
+    fn of(settings: &Settings, axis: usize, position: Nm) -> Option<Self> {
+        is_axis_outside(settings, axis, position).then_some(Self { axis, position })
+    }
+
+    /// Returns the first coordinate of a position that is outside the travel.
+    #[must_use]
+    pub fn at(settings: &Settings, position: &Axes<Nm>) -> Option<Self> {
+        (0..AXES).find_map(|axis| Self::of(settings, axis, position[axis]))
+    }
+
+    /// Returns a coordinate for which [`leaves_travel`] is true: of an end, or where an arc is farthest out. For
+    /// tools that show the reason; the firmware itself needs none.
+    #[must_use]
+    pub fn on_path(settings: &Settings, from: &Axes<Nm>, command: &Command) -> Option<Self> {
+        if !leaves_travel(settings, from, command) {
+            return None;
+        }
+        match command {
+            Command::Line { target, .. } | Command::Probe { target, .. } => {
+                Self::at(settings, &target.position)
+            }
+            Command::Arc { target, circle, .. } => {
+                let ends = [*from, target.position];
+                let of_end = ends.iter().find_map(|end| Self::at(settings, end));
+                of_end.or_else(|| {
+                    Self::between_ends(
+                        settings,
+                        ends,
+                        circle,
+                        TiltedArc::of(command, from, settings),
+                    )
+                })
+            }
+            _ => None,
+        }
+    }
+
+    /// Returns the coordinate of an arc where it is farthest out.
+    fn between_ends(
+        settings: &Settings,
+        [from, to]: [Axes<Nm>; 2],
+        circle: &Circle,
+        tilted: Option<TiltedArc>,
+    ) -> Option<Self> {
+        if let Some(arc) = tilted {
+            let found = Cell::new(None);
+            let _ = arc.extremes_satisfy(|point| {
+                found.set(Self::at(settings, point));
+                found.get().is_none()
+            });
+            return found.get();
+        }
+        let arc = arc_between(&from, &to, circle);
+        (0..4).find_map(|quadrant| {
+            let (axis, position) = extreme(&arc, &from, circle, quadrant)?;
+            Self::of(settings, axis, position)
+        })
+    }
+}
+
 /// Returns true if a position is outside the travel.
 #[must_use]
 pub fn is_outside(settings: &Settings, position: &Axes<Nm>) -> bool {
@@ -71,27 +141,43 @@ fn is_nearly_inside(settings: &Settings, position: &Axes<Nm>) -> bool {
 
 /// Returns true if an arc whose ends are inside the travel has a part that is outside.
 fn arc_leaves(settings: &Settings, from: &Axes<Nm>, to: &Axes<Nm>, circle: &Circle) -> bool {
-    let (first, second, _) = circle.plane.axes();
-    let arc = Arc::new(circle, [to[first] - from[first], to[second] - from[second]]);
+    let arc = arc_between(from, to, circle);
     (0_u8..4).any(|quadrant| {
-        let (axis, centre) = if quadrant & 1 == 0 {
-            (first, from[first] + circle.centre[0])
-        } else {
-            (second, from[second] + circle.centre[1])
-        };
-        let Some(radius) = arc.extreme_mm(f64::from(quadrant) * FRAC_PI_2) else {
+        let Some((axis, position)) = extreme(&arc, from, circle, quadrant) else {
             return false;
         };
         let Some([lowest, highest]) = settings.travel(axis) else {
             return false;
         };
-        let radius = Nm::from_mm_f64(radius).0;
         if quadrant < 2 {
-            centre.0.saturating_add(radius) > highest.0 + EXTREME_ERROR_NM
+            position.0 > highest.0 + EXTREME_ERROR_NM
         } else {
-            centre.0.saturating_sub(radius) < lowest.0 - EXTREME_ERROR_NM
+            position.0 < lowest.0 - EXTREME_ERROR_NM
         }
     })
+}
+
+fn arc_between(from: &Axes<Nm>, to: &Axes<Nm>, circle: &Circle) -> Arc {
+    let (first, second, _) = circle.plane.axes();
+    Arc::new(circle, [to[first] - from[first], to[second] - from[second]])
+}
+
+/// Returns the axis along which an arc is farthest out in a direction, counted in quarters of a turn, and its
+/// coordinate there; `None` where an end is the farthest point.
+fn extreme(arc: &Arc, from: &Axes<Nm>, circle: &Circle, quadrant: u8) -> Option<(usize, Nm)> {
+    let (first, second, _) = circle.plane.axes();
+    let (axis, centre) = if quadrant & 1 == 0 {
+        (first, from[first] + circle.centre[0])
+    } else {
+        (second, from[second] + circle.centre[1])
+    };
+    let radius = Nm::from_mm_f64(arc.extreme_mm(f64::from(quadrant) * FRAC_PI_2)?).0;
+    let position = if quadrant < 2 {
+        centre.0.saturating_add(radius)
+    } else {
+        centre.0.saturating_sub(radius)
+    };
+    Some((axis, Nm(position)))
 }
 
 #[cfg(test)]
@@ -144,10 +230,12 @@ mod tests {
             (0.000_001, 0.0, true),
             (0.0, -200.000_001, true),
         ] {
-            assert_eq!(
-                leaves_travel(&machine(), &from, &line(at(x, y))),
-                is_outside
-            );
+            let line = line(at(x, y));
+            assert_eq!(leaves_travel(&machine(), &from, &line), is_outside);
+            let axis = usize::from(y < -200.0);
+            let position = at(x, y)[axis];
+            let outside = is_outside.then_some(Outside { axis, position });
+            assert_eq!(Outside::on_path(&machine(), &from, &line), outside);
         }
     }
 
@@ -228,6 +316,14 @@ mod tests {
             let leaves = leaves_travel(&machine(), &from, &command);
             prop_assert!(leaves || worst < 1.0e-5, "{worst} mm");
             prop_assert!(!leaves || worst > -1.0e-4, "{worst} mm");
+            // The coordinate that is shown is on the arc, and as far out as an axis gets.
+            let outside = Outside::on_path(&machine(), &from, &command);
+            prop_assert_eq!(outside.is_some(), leaves);
+            if let Some(Outside { axis, position }) = outside {
+                let mm = position.to_mm_f64();
+                let excess = mm.max(-200.0 - mm);
+                prop_assert!(axis < 2 && excess > 0.0 && excess < worst + 1.0e-4, "{axis} {mm}: {worst}");
+            }
         }
     }
 }

@@ -39,7 +39,7 @@ pub trait Watcher {
     /// Called for the answer to a line; `line` counts from 1.
     fn answer(&mut self, line: u64, answer: &[u8]);
     /// Called for a received line that is no answer, after a number of answers.
-    fn message(&mut self, answers: u64, message: &[u8]);
+    fn message(&mut self, simulator: &Simulator, answers: u64, message: &[u8]);
 }
 
 /// The end of a stream.
@@ -365,7 +365,7 @@ impl<S: BorrowMut<Simulator>, P: Iterator<Item = u8>> Stream<S, P> {
             self.in_flight -= usize::from(length);
             watcher.answer(self.answers, &self.answer);
         } else if !self.answer.is_empty() {
-            watcher.message(self.answers, &self.answer);
+            watcher.message(self.simulator.borrow(), self.answers, &self.answer);
         }
     }
 }

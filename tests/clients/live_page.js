@@ -6,6 +6,8 @@
 
 'use strict';
 
+const fs = require('fs');
+
 const { check, run, until } = require('./cncjs');
 const { browse, newPage } = require('./browser');
 const { FAST, SLOWLY, startJob } = require('./monitor');
@@ -136,6 +138,20 @@ async function watch(pages, job, faults) {
   return [0, 0, 0];
 }
 
+/** A job that ends in an alarm: the page tells its line, what it means and what to do. */
+async function alarmed(browser, [monitor, simulator], faults) {
+  fs.writeFileSync('far.nc', 'G4 P9\nG1 X-1 F600\nX250\nX-2\n');
+  fs.writeFileSync('limits.settings', '$22=1\n$20=1\n');
+  const job = await startJob([monitor, simulator, 'far.nc', 'limits.settings'], '$X\n');
+  const page = await open(browser, SIZES[1], job.address, faults);
+  const told = () => page.evaluate(() => document.getElementById('alarm').textContent);
+  const expected = 'line 3 (X250): ALARM:2, the target is outside the machine\'s travel (X 250.000 ';
+  await until(async () => (await told()).startsWith(expected), 'the alarm is told', told);
+  check((await told()).includes('): reset, home or unlock with $X'), await told());
+  await page.screenshot({ path: 'live-alarm.png' });
+  check(faults.length === 0, faults.join('\n'));
+}
+
 async function main() {
   const browser = await browse('drawing');
   const faults = [];
@@ -144,7 +160,9 @@ async function main() {
     job.press(SLOWLY);
     const pages = [];
     for (const size of SIZES) pages.push(await open(browser, size, job.address, faults));
-    return await watch(pages, job, faults);
+    const verdict = await watch(pages, job, faults);
+    await alarmed(browser, process.argv.slice(2), faults);
+    return verdict;
   } finally {
     await browser.close();
   }

@@ -34,8 +34,8 @@ async function start(program, options) {
   return { address, succeeds };
 }
 
-/** Starts the monitor with a job for the simulator, to which `press` sends realtime bytes. */
-async function startJob([monitor, simulator, job, settings]) {
+/** Starts the monitor with a job for the simulator, to which `press` sends realtime bytes, and `first` before all. */
+async function startJob([monitor, simulator, job, settings], first = '') {
   // The stream of positions is on.
   const options = ['--settings', settings, '--set', '$792=1', '--set', '$793=1'];
   const { address } = await start(simulator, ['--tcp', '127.0.0.1:0', ...options]);
@@ -43,6 +43,7 @@ async function startJob([monitor, simulator, job, settings]) {
   const server = net.createServer((socket) => socket.pipe(machine).pipe(socket));
   await new Promise((listens) => { server.listen(0, '127.0.0.1', listens); });
   const press = (bytes) => machine.write(bytes, 'latin1');
+  press(first);
   return { press, ...await start(monitor, [job, '--tcp', `127.0.0.1:${server.address().port}`]) };
 }
 

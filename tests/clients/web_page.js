@@ -118,7 +118,31 @@ async function tabulated(page) {
   await page.click('#run');
   await until(() => page.evaluate(() => 'hash' in document.body.dataset), 'the job comes to its end', () => state(page));
   const rows = await page.evaluate(() => [...document.querySelectorAll('#refusals tbody tr')].map((row) => [...row.cells].map((cell) => cell.textContent)));
-  check(rows.length === 2 && rows[0][0] === '2' && rows[0][1] === 'G999' && rows[0][3] === 'error:20' && rows[0][4] === '2', JSON.stringify(rows));
+  check(rows.length === 2 && rows[0][0] === '2' && rows[0][1] === 'G999' && rows[0][2].includes(': remove the word') && rows[0][3] === 'error:20' && rows[0][4] === '2', JSON.stringify(rows));
+}
+
+/** An alarm is told with its line, what it means and what to do: of the job, and where it ends the job. */
+async function alarmed(page) {
+  fs.writeFileSync('probe.nc', 'G0X-1\nG38.2 Z-1 F99\nX-2\n');
+  fs.writeFileSync('mill.settings', '$22=1\n$20=1\n');
+  await upload(page, { program: 'probe.nc', settings: 'mill.settings' });
+  await page.click('#run');
+  await until(() => page.evaluate(() => 'hash' in document.body.dataset), 'the job comes to its end', () => state(page));
+  const expected = 'ALARM:5, the probe made no contact: unlock with $X';
+  const warnings = await page.evaluate(() => document.getElementById('warnings').textContent);
+  check(warnings.includes(`line 2 (G38.2 Z-1 F99): ${expected}`), warnings);
+  const view = page.frames().find((frame) => frame.url().startsWith('blob:'));
+  let told;
+  await until(async () => {
+    told = await view.evaluate(() => document.getElementById('alarm').textContent);
+    return told.startsWith(`line 2: ${expected}`);
+  }, 'the page of the job tells the alarm', () => told);
+  fs.writeFileSync('far.nc', 'G0X-1\nX250\nX-2\n');
+  await upload(page, { program: 'far.nc', settings: 'mill.settings' });
+  await page.click('#run');
+  await until(() => page.evaluate(() => document.getElementById('state').className === 'bad'), 'the alarm is told', () => state(page));
+  const ended = await state(page);
+  check(ended.startsWith('line 2 (X250): ALARM:2, the target is outside') && ended.includes('(X 250.000 '), ended);
 }
 
 async function look(browser, address, width) {
@@ -143,6 +167,7 @@ async function look(browser, address, width) {
     await panicked(page);
     await refused(page);
     await tabulated(page);
+    await alarmed(page);
     await homed(page);
     await upload(page, { program, settings });
     await page.click('#run');

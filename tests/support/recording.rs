@@ -38,7 +38,7 @@ impl Watcher for Recording {
         self.answers.push(String::from_utf8_lossy(answer).into());
     }
 
-    fn message(&mut self, answers: u64, message: &[u8]) {
+    fn message(&mut self, _: &Simulator, answers: u64, message: &[u8]) {
         let message = String::from_utf8_lossy(message).into();
         self.messages.push((message, self.positions.len(), answers));
     }

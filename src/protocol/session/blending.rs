@@ -10,7 +10,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{Links, Session, Source};
+use super::{LineStage, Links, Session, Source};
 use crate::{
     machine::Snapshot,
     model::{PathControl, State},
@@ -39,7 +39,9 @@ impl Session {
 
     /// Drops moves that the machine would not execute: it is locked, or has ended a motion early.
     pub(super) fn drop_cancelled(&mut self, machine: &Snapshot) {
-        if machine.state == State::Alarm || self.machine_sync.is_cancelled(machine) {
+        let is_dropped = machine.state == State::Alarm || self.machine_sync.is_cancelled(machine);
+        // What has left the travel can be shown up to the reset, which drops it.
+        if is_dropped && self.stage != LineStage::Faulted {
             self.blender.clear();
             self.cancel_compensation();
         }

@@ -12,7 +12,7 @@ use crate::{
     },
     machine::Snapshot,
     model::{Command, Requests, State},
-    path::{TiltedArc, is_outside, leaves_travel},
+    path::{Outside, TiltedArc, is_outside, leaves_travel},
     protocol::{
         ByteReader, Dialect, Waiting,
         realtime::MAX_UNRELEASED_BYTES,
@@ -409,6 +409,7 @@ impl Session {
         let is_compensated = self.line.checked.follows_contour() || self.compensator.has_plan();
         self.line.is_compensated = is_compensated;
         if !is_compensated && self.leaves_travel(machine, from) {
+            self.probing.start = from;
             return self.send_fault(links);
         }
         let settings = &self.persistence.stored.settings;
@@ -447,6 +448,36 @@ impl Session {
         } else {
             self.send_commands(0, links)
         }
+    }
+
+    /// Returns where the line that [`Alarm::SoftLimit`] has stopped leaves the travel, and whether it does so in a
+    /// compensated move, which lines before it may have asked for. For tools that show the reason.
+    ///
+    /// [`Alarm::SoftLimit`]: crate::model::Alarm::SoftLimit
+    #[must_use]
+    pub fn outside_travel(&self) -> Option<(Outside, bool)> {
+        if !matches!(self.stage, LineStage::Faulting | LineStage::Faulted) {
+            return None;
+        }
+        let settings = self.settings();
+        if let Some(outside) = self.compensator.outside(settings) {
+            return Some((outside, true));
+        }
+        let mut corners = self.interpreter.drilling_corners();
+        let mut from = self.probing.start;
+        let mut commands = self.line.outcome.commands.iter();
+        let drills = self.line.checked.drills();
+        let of_hole = corners.find_map(|corner| Outside::at(settings, &corner));
+        let outside = of_hole.filter(|_| drills).or_else(|| {
+            commands.find_map(|command| {
+                let start = from;
+                if let Command::Line { target, .. } | Command::Arc { target, .. } = command {
+                    from = target.position;
+                }
+                Outside::on_path(settings, &start, command)
+            })
+        });
+        Some((outside?, false))
     }
 
     /// Returns whether some move of the line leaves the travel of the machine, where that is an error.

@@ -90,6 +90,7 @@ impl Session {
         let outcome = &mut self.line.outcome;
         change.interrupted = self.interpreter.begin_tool_change(checked, height, outcome);
         if self.leaves_travel(links.machine, from) {
+            self.probing.start = from;
             return self.send_fault(links);
         }
         let text = &mut self.reports.message;

@@ -97,7 +97,11 @@ impl Machine {
             match Line::read(&line) {
                 Line::Response(response) => return Ok(Answer { lines, response }),
                 Line::Report(report) => self.status.take(report),
-                Line::Alarm(_) => bail!("{line} while {text} was executed"),
+                Line::Alarm(number) => {
+                    let why = meaning::alarm_with_remedy(number, None);
+                    let why = meaning::after_comma(why.as_deref());
+                    bail!("{line} while {text} was executed{why}")
+                }
                 Line::Welcome => bail!("the machine has been reset while {text} was sent"),
                 // What a machine may tell all the time is no sign that it still answers.
                 Line::Other => lines.push(line),
@@ -130,7 +134,7 @@ impl Machine {
         } else {
             String::new()
         };
-        let why = meaning::after_comma(meaning::error(number));
+        let why = meaning::after_comma(meaning::error_with_remedy(number).as_deref());
         anyhow!("the machine refuses {text}{state}: error:{number}{why}")
     }
 
@@ -320,7 +324,9 @@ mod tests {
         let mut error = |text| machine.ask_for(text, SHORT).unwrap_err().to_string();
         assert!(error("G999").starts_with("the machine refuses G999: error:20, "));
         assert!(error("$1=9").starts_with("the machine refuses $1=9 in the state Idle: error:8, "));
-        assert_eq!(error("$H"), "ALARM:9 while $H was executed");
+        let alarm =
+            "ALARM:9 while $H was executed, homing failed: no limit switch was found: check";
+        assert!(error("$H").starts_with(alarm));
         assert_eq!(
             error("$RST=*"),
             "the machine has been reset while $RST=* was sent"

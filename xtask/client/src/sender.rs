@@ -149,6 +149,13 @@ impl Sender {
         self.sent - self.in_flight.len() as u64
     }
 
+    /// Number and text of the oldest line that is not answered.
+    #[must_use]
+    pub fn oldest(&self) -> Option<(u64, &[u8])> {
+        let line = self.lines.front()?;
+        Some((self.answered() + 1, line))
+    }
+
     /// Whether every line sent has been answered.
     #[must_use]
     pub fn is_done(&self) -> bool {

@@ -189,6 +189,30 @@ fn a_job_that_is_interrupted_has_not_succeeded() {
 }
 
 #[test]
+fn an_alarm_is_shown_with_its_line_the_reason_and_what_to_do() {
+    let folder = tempdir().unwrap();
+    let program = folder.path().join("job.nc");
+    fs::write(&program, "$X\nG999\nG1 X-1 F600\nG4 P1\nX250\nX-2\n").unwrap();
+    let limits = ["--sim", "--set", "$22=1", "--set", "$20=1"];
+    let mut monitor = Monitor::start(&[&limits[..], &[program.to_str().unwrap()]].concat());
+    let last = events(&monitor.address()).last().unwrap();
+    // Of a machine that was locked at first, no settings are known.
+    let alarm = "line 5 (X250): ALARM:2, the target is outside the machine's travel: reset, ";
+    let shown = last["now"]["alarm"].as_str().unwrap();
+    assert!(shown.starts_with(alarm), "{shown}");
+    let refusal = "line 2 (G999): error:20, this command or word is not supported: remove";
+    let shown = last["now"]["refusal"].as_str().unwrap();
+    assert!(shown.starts_with(refusal), "{shown}");
+    let (status, printed) = monitor.end();
+    assert_eq!(status, Some(1), "{printed}");
+    assert!(printed.contains(refusal), "{printed}");
+    assert!(
+        printed.contains(&format!("is locked: {alarm}")),
+        "{printed}"
+    );
+}
+
+#[test]
 fn a_sender_reaches_the_machine_through_the_link() {
     let folder = tempdir().unwrap();
     let link = folder.path().join("tty");

@@ -242,7 +242,9 @@ fn a_job_that_would_leave_the_travel_is_not_begun() {
     let fast = ["$24=600", "$25=5000", "$130=20", "$131=20", "$132=20"];
     let (_simulator, address) = Simulator::tcp(&["--switches"], &[&guarded[..], &fast].concat());
     let log = Sending::start(&[&job, "--tcp", &address, "--home"]).fails();
-    assert!(log.contains("line 3 would end in ALARM:2"), "{log}");
+    let alarm = "line 3 (G0 X-900) would end in ALARM:2, the target is outside the machine's travel \
+        (X -900.000 in machine coordinates is not within -20.000 to 0.000): reset";
+    assert!(log.contains(alarm), "{log}");
     let job = file(&folder, "job.nc", "G21 G90\nG0 X-2\nG0 X-9\n");
     let log = Sending::start(&[&job, "--tcp", &address]).succeeds();
     assert!(

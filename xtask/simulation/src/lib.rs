@@ -57,13 +57,13 @@ mod tests;
 mod vertex;
 mod waypoints;
 
-/// Character counting and answers, for those who run programs.
-pub use grbl_client::sender;
+/// What numbers mean; character counting and answers, for those who run programs.
+pub use grbl_client::{meaning, sender};
 pub use job::Job;
 pub use recording::Recording;
 #[cfg(feature = "os")]
-pub use refusal::refusal;
-pub use refusals::{Cause, Refusals, line_error};
+pub use refusal::{alarm_row, refusal};
+pub use refusals::{Cause, Refusals, line_error, shown};
 pub use switch_positions::SwitchPositions;
 pub use waypoints::Waypoint;
 

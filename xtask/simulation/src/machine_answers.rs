@@ -169,7 +169,7 @@ impl Watcher for Refusal {
         }
     }
 
-    fn message(&mut self, _: u64, _: &[u8]) {}
+    fn message(&mut self, _: &Simulator, _: u64, _: &[u8]) {}
 }
 
 /// Values between commas as axis words.

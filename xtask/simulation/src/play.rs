@@ -3,6 +3,9 @@
 use std::path::Path;
 
 use crate::playing::Playing;
+use crate::{
+    Refusals, alarm_row, figures::Figures, program::Program, refusal, sender::Response, summary,
+};
 use anstream::println;
 use anyhow::Result;
 #[cfg(feature = "terminal")]
@@ -11,11 +14,8 @@ use leadscrew::{
     settings::Settings,
     sim::{Edge, PlayedSegment, Simulator, StepStatistics, Switch},
 };
-use owo_colors::OwoColorize;
 
-use crate::{Refusals, figures::Figures, program::Program, refusal, sender::Response, summary};
-
-pub use crate::playing::{Recorder, Replies, ask, unlock};
+pub use crate::playing::{RaisedAlarm, Recorder, Replies, ask, unlock};
 
 /// Runs a program and says nothing.
 pub fn play(path: &Path, settings: &Settings) -> Result<Figures> {
@@ -122,12 +122,15 @@ impl<R: Recorder> Recorder for Run<'_, R> {
         self.recorder.refused(number, line, response);
     }
 
-    fn alarm(&mut self, answers: u64, text: &str) {
+    fn alarm(&mut self, alarm: &RaisedAlarm) {
         if self.prints {
-            let bar = &self.bar;
-            bar.suspend(|| println!("{:>8}  {}", format!("{answers}:"), text.red().bold()));
+            self.bar.suspend(|| println!("{}", alarm_row(alarm)));
         }
-        self.recorder.alarm(answers, text);
+        self.recorder.alarm(alarm);
+    }
+
+    fn shows_alarms(&self) -> bool {
+        self.prints
     }
 
     fn stuck(&mut self, refusals: &Refusals) {
@@ -144,7 +147,7 @@ impl<R: Recorder> Recorder for Run<'_, R> {
     }
 
     fn wants_line_numbers(&self) -> bool {
-        self.recorder.wants_line_numbers()
+        self.prints || self.recorder.wants_line_numbers()
     }
 }
 

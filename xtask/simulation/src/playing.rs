@@ -1,22 +1,25 @@
 //! Programs on the virtual machine, and what is kept of them: answers, messages and steps.
 
-use std::{borrow, cell::RefCell, collections::VecDeque, rc::Rc};
+use std::{borrow, cell::RefCell, collections::VecDeque, error, fmt, rc::Rc};
 
 use anyhow::{Error, Result, bail};
 use common::BAUD;
 use leadscrew::{
+    axis::LETTERS,
     gcode::LineError,
-    model::State,
-    protocol::Dialect,
+    model::{Alarm, State},
+    protocol::{Dialect, Session},
     sim::{Edge, PlayedSegment, Simulator, StepStatistics, Stream, StreamEnd, Watcher},
-    units::TICKS_PER_SECOND,
+    units::{Nm, TICKS_PER_SECOND},
 };
 
 use crate::{
     Refusals,
     figures::{Figures, Final, Responses},
     job_times::JobTimes,
+    meaning::{self, LineOfAlarm},
     program::Program,
+    refusals::shown,
     sender::Response,
 };
 
@@ -48,9 +51,13 @@ pub trait Recorder {
     fn refused(&mut self, number: u64, line: &[u8], response: Response) {
         let _ = (number, line, response);
     }
-    /// An alarm rises after a number of answers.
-    fn alarm(&mut self, answers: u64, text: &str) {
-        let _ = (answers, text);
+    /// An alarm rises.
+    fn alarm(&mut self, alarm: &RaisedAlarm) {
+        let _ = alarm;
+    }
+    /// Whether the user has seen the alarms, and is not told of them at the end.
+    fn shows_alarms(&self) -> bool {
+        false
     }
     /// The machine stands still, and the program does not go on.
     fn stuck(&mut self, refusals: &Refusals) {
@@ -67,6 +74,59 @@ pub trait Recorder {
 }
 
 impl Recorder for () {}
+
+/// An alarm, and the line that raised it: as far as is known, or the last one that was answered.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct RaisedAlarm {
+    /// The number of the line, from 1; 0 where it is not known.
+    pub line: u64,
+    /// The line, where it raised the alarm.
+    pub text: String,
+    /// `ALARM:2`.
+    pub name: String,
+    /// What it means, and what to do.
+    pub why: String,
+}
+
+impl fmt::Display for RaisedAlarm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            line, name, why, ..
+        } = self;
+        if *line > 0 {
+            write!(f, "line {line}")?;
+            if !self.text.is_empty() {
+                write!(f, " ({})", self.text)?;
+            }
+            write!(f, ": ")?;
+        }
+        write!(f, "{name}, {why}")
+    }
+}
+
+impl error::Error for RaisedAlarm {}
+
+/// What an alarm means on a machine that has just raised it, and what to do: of a line that leaves the travel with the
+/// coordinate.
+pub fn reason_of_alarm(number: &str, session: &Session) -> String {
+    let is_of_travel = number.parse() == Ok(Alarm::SoftLimit.number());
+    let outside = is_of_travel.then(|| session.outside_travel()).flatten();
+    let details = outside.map(|(outside, is_compensated)| {
+        let axis = char::from(LETTERS[outside.axis]);
+        let mm = |position: Nm| format!("{:.3}", position.to_mm_f64());
+        let travel = session.settings().travel(outside.axis).unwrap_or_default();
+        let [lowest, highest] = travel.map(mm);
+        let of = if is_compensated {
+            ", in a move that cutter compensation has held back"
+        } else {
+            ""
+        };
+        let position = mm(outside.position);
+        format!("{axis} {position} in machine coordinates is not within {lowest} to {highest}{of}")
+    });
+    let reason = meaning::alarm_with_remedy(number, details.as_deref());
+    reason.unwrap_or_else(|| "an unknown alarm".into())
+}
 
 /// A program on its way through a machine, which it owns or borrows.
 pub struct Playing<S, R> {
@@ -142,6 +202,11 @@ impl<S: borrow::BorrowMut<Simulator>, R: Recorder> Playing<S, R> {
             observer.recorder.stuck(&observer.refusals);
             let answered = observer.responses.iter().count();
             let state = simulator.snapshot().state.name();
+            if let Some(alarm) = observer.refusals.alarm()
+                && !observer.recorder.shows_alarms()
+            {
+                return Err(alarm.clone().into());
+            }
             bail!(
                 "the machine stands still in {state} after {answered} answers: only a reset helps"
             );
@@ -405,12 +470,17 @@ struct Observer<R> {
     skipped: u32,
     /// The line of the program that each line is which was sent, where not all are.
     sent_lines: Option<Vec<u32>>,
+    /// Whether segments have the numbers of their lines.
+    has_numbers: bool,
+    /// The line of the segment that has begun last; 0 where that is not known.
+    moving_line: u32,
     failure: Option<Error>,
 }
 
-impl<R> Observer<R> {
+impl<R: Recorder> Observer<R> {
     fn new(recorder: R) -> Self {
         Self {
+            has_numbers: recorder.wants_line_numbers(),
             recorder,
             statistics: StepStatistics::new(),
             responses: Responses::default(),
@@ -424,6 +494,7 @@ impl<R> Observer<R> {
             foreign_line: None,
             skipped: 0,
             sent_lines: None,
+            moving_line: 0,
             failure: None,
         }
     }
@@ -447,6 +518,24 @@ impl<R: Recorder> Observer<R> {
         for _ in 0..lines {
             self.responses.push(Response::Ok);
             self.recorder.answer(false);
+        }
+    }
+
+    /// An alarm that rises after so many answers.
+    fn raised(&self, number: &str, answers: u32, session: &Session) -> RaisedAlarm {
+        let (line, text) = match meaning::line_of_alarm(number) {
+            Some(LineOfAlarm::Unanswered) => {
+                let sent = self.lines.iter().flatten().next();
+                (self.line_of(answers + 1), sent.map(|sent| &sent.text[..]))
+            }
+            Some(LineOfAlarm::UnderWay) if self.moving_line > 0 => (self.moving_line, None),
+            Some(LineOfAlarm::UnderWay) | None => (self.line_of(answers), None),
+        };
+        RaisedAlarm {
+            line: line.into(),
+            text: shown(text.unwrap_or_default()),
+            name: format!("ALARM:{number}"),
+            why: reason_of_alarm(number, session),
         }
     }
 
@@ -486,6 +575,9 @@ impl<R: Recorder> Watcher for Watched<R> {
         let observer = &mut *self.0.borrow_mut();
         observer.times.add(segment);
         let line = observer.line_of(segment.line);
+        if observer.has_numbers && segment.line > 0 {
+            observer.moving_line = line;
+        }
         observer
             .recorder
             .segment(&PlayedSegment { line, ..*segment });
@@ -517,18 +609,20 @@ impl<R: Recorder> Watcher for Watched<R> {
         }
     }
 
-    fn message(&mut self, answers: u64, message: &[u8]) {
+    fn message(&mut self, simulator: &Simulator, answers: u64, message: &[u8]) {
         let observer = &mut *self.0.borrow_mut();
-        let answers = observer.line_of(answers as u32).into();
+        let sent = answers as u32;
+        let answers = observer.line_of(sent).into();
         let text = String::from_utf8_lossy(message).into_owned();
         observer.refused = observer.refused.or(host_refusal(&text));
         if text.starts_with("Grbl ") {
             // The welcome belongs to power-up, not to the program.
             return;
         }
-        if text.starts_with("ALARM:") {
-            observer.refusals.alarm(answers, &text);
-            observer.recorder.alarm(answers, &text);
+        if let Some(number) = text.strip_prefix("ALARM:") {
+            let alarm = observer.raised(number, sent, simulator.session());
+            observer.recorder.alarm(&alarm);
+            observer.refusals.raise(alarm);
         }
         observer.messages.push((answers, text));
     }

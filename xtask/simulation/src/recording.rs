@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 
 use leadscrew::{
     axis::{AXES, Axes, LETTERS, LINEAR},
-    gcode::{LineError, MotionMode},
-    model::{Alarm, Command},
+    gcode::MotionMode,
+    model::Command,
     protocol::Session,
     settings::{Setting, Settings},
     sim::{PlayedSegment, SegmentKind, Simulator},
@@ -18,9 +18,11 @@ use crate::{
     drilled_holes,
     figures::Figures,
     job::{Axis, HoleMark, Job, PathInfo, PlaceMark, Refused, SettingRow, Times},
+    meaning,
     merge::Merger,
-    playing::{self, Recorder},
+    playing::{self, RaisedAlarm, Recorder},
     program_reader::ProgramReader,
+    sender::Response,
     settings::name,
     vertex::{Vertex, kind_number, power_of},
 };
@@ -39,6 +41,7 @@ pub struct Recording {
     before: (f32, u32, u32),
     segments: u64,
     is_begun: bool,
+    alarms: Vec<Refused>,
 }
 
 impl Recording {
@@ -54,6 +57,7 @@ impl Recording {
             before: (0.0, 0, 0),
             segments: 0,
             is_begun: false,
+            alarms: Vec::new(),
         }
     }
 
@@ -93,7 +97,7 @@ impl Recording {
             end: figures.end.state.clone(),
             refused: refused(figures),
             refused_count: figures.responses.refused(),
-            alarms: alarms(figures),
+            alarms: self.alarms,
             holes: self.marks.holes,
             tool_changes: self.marks.tool_changes,
             work_zeros: self.marks.work_zeros,
@@ -133,6 +137,16 @@ impl Recorder for Recording {
 
     fn answer(&mut self, is_refused: bool) {
         self.marks.answer(is_refused);
+    }
+
+    fn alarm(&mut self, alarm: &RaisedAlarm) {
+        if self.alarms.len() < KEPT {
+            self.alarms.push(Refused {
+                line: alarm.line,
+                name: alarm.name.clone(),
+                why: alarm.why.clone(),
+            });
+        }
     }
 
     fn wants_line_numbers(&self) -> bool {
@@ -314,36 +328,16 @@ fn axis_of(settings: &Settings, axis: usize, levels: Option<[f64; 3]>) -> Axis {
 
 /// The refused lines, and why.
 fn refused(figures: &Figures) -> Vec<Refused> {
-    let text = |name: &str| {
-        let mut errors = LineError::ALL.iter();
-        let error = errors.find(|error| error.to_string() == name);
-        error.map_or("an unknown error", |error| error.text())
-    };
     let answers = figures.responses.iter();
-    let named = answers.map(|(line, answer)| (line, answer.to_string()));
-    let refused = named.filter(|(_, name)| name != "ok");
-    let refused = refused.map(|(line, name)| Refused {
-        line,
-        why: text(&name).into(),
-        name,
+    let refused = answers.filter_map(|(line, answer)| match answer {
+        Response::Ok => None,
+        Response::Error(number) => Some(Refused {
+            line,
+            name: answer.to_string(),
+            why: meaning::error_with_remedy(number).unwrap_or_else(|| "an unknown error".into()),
+        }),
     });
     refused.take(KEPT).collect()
-}
-
-/// The alarms, with the line after whose answer each rose.
-fn alarms(figures: &Figures) -> Vec<Refused> {
-    let messages = figures.messages.iter();
-    let alarms = messages.filter(|(_, text)| text.starts_with("ALARM:"));
-    let alarms = alarms.map(|(line, text)| {
-        let mut all = Alarm::ALL.into_iter();
-        let alarm = all.find(|alarm| alarm.to_string() == *text);
-        Refused {
-            line: *line,
-            name: text.clone(),
-            why: alarm.map_or("an unknown alarm", Alarm::text).into(),
-        }
-    });
-    alarms.take(KEPT).collect()
 }
 
 /// All settings, as the machine lists them.

@@ -1,30 +1,28 @@
-//! A refused line, for the reader.
+//! Refused lines and alarms, for the reader.
 
-use crate::line_error;
-use leadscrew::gcode::LineError;
 use owo_colors::OwoColorize;
 
-use crate::sender::Response;
+use crate::{meaning, playing::RaisedAlarm, sender::Response, shown};
 
 /// A refused line with the reason: `12:  G999 X1   error:20 this command …`.
 pub fn refusal(number: u64, line: &[u8], response: Response) -> String {
-    const WIDTH: usize = 60;
-    let text = String::from_utf8_lossy(line);
-    let mut shown: String = text
-        .chars()
-        .map(|c| if c.is_control() { '·' } else { c })
-        .collect();
-    if shown.chars().count() > WIDTH {
-        shown = shown.chars().take(WIDTH - 1).chain(['…']).collect();
-    }
     let reason = match response {
-        Response::Error(number) => line_error(number).map_or("an unknown error", LineError::text),
-        Response::Ok => "",
+        Response::Error(number) => {
+            meaning::error_with_remedy(number).unwrap_or_else(|| "an unknown error".into())
+        }
+        Response::Ok => String::new(),
     };
-    let label = response.to_string();
-    format!(
-        "{:>8}  {shown}  {} {reason}",
-        format!("{number}:"),
-        label.red().bold()
-    )
+    row(number, &shown(line), &response.to_string(), &reason)
+}
+
+/// An alarm with its line and the reason, as a refused line.
+pub fn alarm_row(alarm: &RaisedAlarm) -> String {
+    row(alarm.line, &alarm.text, &alarm.name, &alarm.why)
+}
+
+fn row(number: u64, text: &str, label: &str, reason: &str) -> String {
+    let place = format!("{number}:");
+    let gap = if text.is_empty() { "" } else { "  " };
+    let label = label.red().bold().to_string();
+    format!("{place:>8}  {text}{gap}{label} {reason}")
 }

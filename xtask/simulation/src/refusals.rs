@@ -2,12 +2,15 @@
 
 use std::cmp::Reverse;
 
-use crate::sender::{Response, code};
+use crate::{
+    meaning,
+    playing::RaisedAlarm,
+    sender::{Response, code},
+};
 use common::text::separated;
 use leadscrew::{
     axis::{AXES, LETTERS},
     gcode::{LineError, Modal, ParsedLine},
-    model::Alarm,
 };
 
 /// Refused lines that are printed one by one; the table has all of them.
@@ -22,8 +25,8 @@ const EXPRESSIONS: &str = "O-words and expressions";
 pub struct Refusals {
     causes: Vec<Cause>,
     count: u64,
-    /// The newest alarm, and how many lines had been answered.
-    alarm: Option<(u64, String)>,
+    /// The newest alarm.
+    alarm: Option<RaisedAlarm>,
 }
 
 /// One cause.
@@ -39,6 +42,18 @@ pub struct Cause {
     pub count: u64,
     /// Number of the first line.
     pub first: u64,
+}
+
+impl Cause {
+    /// The reason, and what to do about the error where that is all that is known.
+    pub fn why_with_remedy(&self) -> String {
+        let Response::Error(number) = self.response else {
+            return self.why.clone();
+        };
+        let is_of_error = line_error(number).is_some_and(|error| error.text() == self.why);
+        let with_remedy = is_of_error.then(|| meaning::error_with_remedy(number));
+        with_remedy.flatten().unwrap_or_else(|| self.why.clone())
+    }
 }
 
 impl Refusals {
@@ -62,9 +77,14 @@ impl Refusals {
         self.count <= PRINTED
     }
 
-    /// Takes note of an alarm after so many answers: it is why the lines behind it are refused.
-    pub fn alarm(&mut self, answers: u64, text: &str) {
-        self.alarm = Some((answers, text.to_owned()));
+    /// Takes note of an alarm: it is why the lines that follow are refused.
+    pub fn raise(&mut self, alarm: RaisedAlarm) {
+        self.alarm = Some(alarm);
+    }
+
+    /// The newest alarm.
+    pub fn alarm(&self) -> Option<&RaisedAlarm> {
+        self.alarm.as_ref()
     }
 
     /// Returns the causes, most frequent first.
@@ -82,13 +102,14 @@ impl Refusals {
         let error = line_error(number);
         let text = error.map_or("an unknown error", LineError::text);
         if error == Some(LineError::Locked)
-            && let Some((answers, alarm)) = &self.alarm
+            && let Some(RaisedAlarm {
+                line, name, why, ..
+            }) = &self.alarm
         {
-            let after = separated(*answers);
-            let reason = alarm_text(alarm).map_or(String::new(), |text| format!(", {text}"));
+            let at = separated(*line);
             return (
                 String::new(),
-                format!("locked by {alarm} after line {after}{reason}"),
+                format!("locked by {name} at line {at}, {why}"),
             );
         }
         if is_expression(code) {
@@ -115,11 +136,17 @@ impl Refusals {
     }
 }
 
-/// What an alarm such as `ALARM:2` means.
-fn alarm_text(alarm: &str) -> Option<&'static str> {
-    let mut alarms = Alarm::ALL.into_iter();
-    let found = alarms.find(|known| known.to_string() == alarm);
-    found.map(Alarm::text)
+/// The beginning of a line, as it may be printed.
+pub fn shown(line: &[u8]) -> String {
+    const WIDTH: usize = 60;
+    let text = String::from_utf8_lossy(line.trim_ascii());
+    let printable = |c: char| if c.is_control() { '·' } else { c };
+    let shown: String = text.chars().map(printable).collect();
+    if shown.chars().count() > WIDTH {
+        shown.chars().take(WIDTH - 1).chain(['…']).collect()
+    } else {
+        shown
+    }
 }
 
 /// Whether a line belongs to a program with variables, subroutines or loops.

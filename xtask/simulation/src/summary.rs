@@ -101,6 +101,7 @@ mod tests {
     use leadscrew::axis::AXES;
 
     use super::*;
+    use crate::playing::RaisedAlarm;
     use crate::sender::Response;
 
     fn refused(lines: &[(&str, u16)]) -> Vec<String> {
@@ -146,14 +147,19 @@ mod tests {
     #[test]
     fn lines_after_an_alarm_are_one_cause_that_names_it() {
         let mut refusals = Refusals::default();
-        refusals.alarm(12, "ALARM:2");
+        refusals.raise(RaisedAlarm {
+            line: 12,
+            text: "X250".into(),
+            name: "ALARM:2".into(),
+            why: "the target is outside the machine's travel".into(),
+        });
         for number in 13..40 {
             let is_printed = refusals.add(number, b"G1 A5 M6", Response::Error(9));
             assert_eq!(is_printed, number < 33);
         }
         let table = plain(&refusals);
         assert_eq!(table.len(), 1);
-        let reason = "locked by ALARM:2 after line 12, the target is outside the machine's travel";
+        let reason = "locked by ALARM:2 at line 12, the target is outside the machine's travel";
         assert!(table[0].starts_with(&format!("27 × {reason}")), "{table:?}");
     }
 

@@ -14,9 +14,10 @@ use serde_json::Value;
 use crate::{
     Job, Recording, cases,
     merge::Piece,
-    playing::{Playing, Recorder},
+    playing::{self, Playing, RaisedAlarm, Recorder},
     program::Program,
     recording::scales,
+    switch_positions::SwitchPositions,
     vertex::{Span, Vertex},
 };
 
@@ -56,6 +57,10 @@ impl Recorder for Both {
 
     fn answer(&mut self, is_refused: bool) {
         self.recording.answer(is_refused);
+    }
+
+    fn alarm(&mut self, alarm: &RaisedAlarm) {
+        self.recording.alarm(alarm);
     }
 
     fn wants_line_numbers(&self) -> bool {
@@ -331,4 +336,121 @@ fn a_job_of_the_reprap_dialect_is_drawn_line_by_line() {
         .expect("it comes to an end");
     assert_eq!(facts["hash"], figures.event_hash.as_str());
     assert!(both.trace.len() > 1000);
+}
+
+#[test]
+fn an_alarm_has_the_line_that_raised_it() {
+    let program = "G1 X1 F600\nG38.2 Z-1\nG1 X3\nX4\nX5\n";
+    let (_, job) = run(&mill(), program);
+    let [alarm] = &job.alarms[..] else {
+        panic!("{:?}", job.alarms);
+    };
+    assert_eq!((alarm.line, alarm.name.as_str()), (2, "ALARM:5"));
+    assert!(alarm.why.contains("probe farther"), "{}", alarm.why);
+}
+
+/// Keeps the alarms.
+#[derive(Default)]
+struct Alarms(Vec<RaisedAlarm>);
+
+impl Recorder for &mut Alarms {
+    fn alarm(&mut self, alarm: &RaisedAlarm) {
+        self.0.push(alarm.clone());
+    }
+
+    fn wants_line_numbers(&self) -> bool {
+        true
+    }
+}
+
+/// The alarm of a program at a mill with soft limits, or with hard limits and switches.
+fn alarm_of(switches: bool, program: &str) -> RaisedAlarm {
+    let mut settings = mill();
+    let limits = if switches { "21=1" } else { "20=1" };
+    for statement in ["22=1", limits, "24=1000", "25=5000"] {
+        assign(&mut settings, statement.as_bytes()).expect("limits are accepted");
+    }
+    let mut simulator = Box::new(Simulator::new(&settings));
+    if switches {
+        SwitchPositions::of(&settings).mount_on(&mut simulator);
+    }
+    playing::unlock(&mut simulator);
+    let mut alarms = Alarms::default();
+    let lines = Program::from_reader("a test".into(), Cursor::new(program.to_owned()));
+    let ended = Playing::new(lines, &mut *simulator, &mut alarms)
+        .finish()
+        .err();
+    let [alarm] = &alarms.0[..] else {
+        panic!("{program}: {:?}", alarms.0);
+    };
+    // Where lines have no answer, the alarm is why.
+    if let Some(error) = ended {
+        assert_eq!(error.downcast_ref(), Some(alarm));
+    }
+    alarm.clone()
+}
+
+#[test]
+fn a_line_that_leaves_the_travel_is_named_with_axis_and_coordinate() {
+    for (program, line, text, what) in [
+        ("G0 X-10\nX250\nX-20\nX-30\n", 2, "X250", "X 250.000"),
+        (
+            "G0 X-10\nG91 X-30\nY-201 (far) Z-1\n",
+            3,
+            "Y-201 (far) Z-1",
+            "Y -201.000",
+        ),
+        ("G10 L2 P1 Z-150\nG0 Z-60\n", 2, "G0 Z-60", "Z -210.000"),
+        (
+            "G20\nG0 X-1\nG38.2 Z-9 F10\n",
+            3,
+            "G38.2 Z-9 F10",
+            "Z -228.600",
+        ),
+        // Half of a circle of which only the middle is outside, and one in a rotated system.
+        (
+            "G0 X-5 Y-20\nG2 X-5 Y-40 J-10 F600\nX-6\n",
+            2,
+            "G2 X-5 Y-40 J-10 F600",
+            "X 5.000",
+        ),
+        (
+            "G0 Z-5\nX-5 Y-40\nG68 X0 Y0 R30\nG18 G2 Z-5 K5 F600\n",
+            4,
+            "G18 G2 Z-5 K5 F600",
+            "Z 5.",
+        ),
+        (
+            "G0 Z-5\nX-9 Y-9\nG91 G81 X-50 Z-2 R1 L5 F99\nX0\n",
+            3,
+            "G91 G81 X-50 Z-2 R1 L5 F99",
+            "X -",
+        ),
+    ] {
+        let alarm = alarm_of(false, program);
+        let found = (alarm.line, alarm.text.as_str(), alarm.name.as_str());
+        assert_eq!(found, (line, text, "ALARM:2"), "{program}");
+        let details = format!("({what}");
+        assert!(alarm.why.contains(&details), "{program}: {alarm}");
+        let range = " in machine coordinates is not within -200.000 to 0.000)";
+        assert!(alarm.why.contains(range), "{alarm}");
+    }
+}
+
+#[test]
+fn a_compensated_move_that_leaves_the_travel_is_named_as_one_of_a_line_before() {
+    let program = "G0 X-20 Y-20\nG41.1 D8 G1 X-10 F600\nX-1\nY-50\nX-10\nG40 X-20\n";
+    let alarm = alarm_of(false, program);
+    assert!(
+        alarm.why.contains("X ") && alarm.why.contains("that cutter compensation has held back"),
+        "{alarm}"
+    );
+}
+
+#[test]
+fn a_limit_switch_that_closes_is_named_with_the_line_under_way() {
+    let alarm = alarm_of(true, "$H\nG1 X-9 F3000\nX-20\nX250\nX-9\nX-8\n");
+    assert_eq!((alarm.line, alarm.name.as_str()), (4, "ALARM:1"), "{alarm}");
+    let alarm = alarm_of(true, "G1 X-9 F3000\nX-1000\nX-9\nX-8\n");
+    assert_eq!((alarm.line, alarm.name.as_str()), (2, "ALARM:1"), "{alarm}");
 }

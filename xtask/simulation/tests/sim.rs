@@ -456,3 +456,21 @@ fn an_idle_server_sleeps() {
     }
     server.stop();
 }
+
+#[test]
+fn an_alarm_and_a_refused_line_are_printed_with_the_reason_and_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let limits = ["-", "--set", "$22=1", "--set", "$20=1"];
+    let program = "G1 X-1 F600\nX-2\nX250\nX-3\nX-4\nX-5\n";
+    let run = done(folder.path(), &limits, program);
+    let output = text(&run.stdout);
+    assert!(!run.status.success(), "{output}");
+    let alarm = "3:  X250  ALARM:2 the target is outside the machine's travel \
+        (X 250.000 in machine coordinates is not within -200.000 to 0.000): reset, home or unlock";
+    assert!(output.contains(alarm), "{output}");
+    assert!(!text(&run.stderr).contains("ALARM"), "it is said once");
+    let run = done(folder.path(), &["-"], "G0 X1\nG1 X2\n");
+    let output = text(&run.stdout);
+    let refusal = "2:  G1 X2  error:22 the feed rate is not set: give F";
+    assert!(output.contains(refusal), "{output}");
+}

@@ -17,7 +17,7 @@ use leadscrew::{
     model::Alarm,
     settings::{DataType, Kind, Setting, Settings, StepRate, Value, assign},
 };
-use simulation::proven;
+use simulation::{meaning, proven};
 
 /// Where a document lies, and what makes it.
 type Document = (&'static str, fn() -> Result<String>);
@@ -367,14 +367,16 @@ fn errors_table() -> Result<String> {
         "# Errors and alarms\n\n\
          Made from the code by `cargo xtask docs`; `$EE` and `$EA` send the same to programs.\n\n\
          ## `error:N`\n\n\
-         The line had no effect at all.\n\n| N | what |\n|---|---|\n",
+         The line had no effect at all.\n\n| N | what | what to do |\n|---|---|---|\n",
     );
     for error in LineError::ALL {
-        writeln!(text, "| {} | {} |", error.number(), error.text())?;
+        let remedy = meaning::remedy_of_error(error);
+        writeln!(text, "| {} | {} | {remedy} |", error.number(), error.text())?;
     }
-    text.push_str("\n## `ALARM:N`\n\n| N | what |\n|---|---|\n");
+    text.push_str("\n## `ALARM:N`\n\n| N | what | what to do |\n|---|---|---|\n");
     for alarm in Alarm::ALL {
-        writeln!(text, "| {} | {} |", alarm.number(), alarm.text())?;
+        let remedy = meaning::remedy_of_alarm(alarm);
+        writeln!(text, "| {} | {} | {remedy} |", alarm.number(), alarm.text())?;
     }
     Ok(text)
 }

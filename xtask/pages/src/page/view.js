@@ -84,6 +84,7 @@ class View {
     const refused = facts.refused_count ? `, ${count(facts.refused_count, 'line')} refused` : '';
     $('summary').textContent = `${count(facts.lines, 'line')}${refused}, ${duration(path.end)}`;
     if (facts.refused_count || facts.alarms.length) $('summary').classList.add('bad');
+    $('alarm').textContent = facts.alarms.slice(0, 1).map(({ line, name, why }) => `line ${line}: ${name}, ${why}`).join('');
     const { cutting, rapids, standstill, other } = facts.times;
     const parts = [
       ['cutting', 'cutting', cutting], ['rapids', 'rapids', rapids],

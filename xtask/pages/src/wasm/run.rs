@@ -60,7 +60,7 @@ struct Summary<'a> {
 struct RefusalRow<'a> {
     count: u64,
     what: &'a str,
-    why: &'a str,
+    why: String,
     answer: String,
     first: u64,
 }
@@ -70,7 +70,7 @@ impl<'a> RefusalRow<'a> {
         Self {
             count: cause.count,
             what: &cause.what,
-            why: &cause.why,
+            why: cause.why_with_remedy(),
             answer: cause.response.to_string(),
             first: cause.first,
         }
@@ -147,6 +147,7 @@ impl Run {
             warnings.push(format!("{name} is empty"));
         }
         warnings.extend(figures.foreign_line.map(encoding_warning));
+        warnings.extend(figures.refusals.alarm().map(ToString::to_string));
         if !has_switches && figures.misses_switches() {
             warnings.push("the machine has no switches and no probe".into());
         }

@@ -17,7 +17,9 @@ use anyhow::{Context, Result, ensure};
 use common::options::{self, Monitor as Options, Verb};
 use common::ui;
 use grbl_client::Machine;
-use simulation::{Job, interrupt::interruptions, output::Output, program::Program, pty::Pty};
+use simulation::{
+    Job, interrupt::interruptions, output::Output, playing::RaisedAlarm, program::Program, pty::Pty,
+};
 
 use path_follower::PathFollower;
 use picture::Shared;
@@ -46,12 +48,13 @@ fn run(options: &Options) -> Result<ExitCode> {
     let shared = Arc::<Shared>::default();
     let (mut machine, settings) = source::greet(link, &stop)?;
     let name = machine.link.name.clone();
-    let (job, path_follower) = rehearse(options, &mut machine)?.unzip();
+    let (rehearsed, expected) = rehearse(options, &mut machine)?;
+    let (job, path_follower) = rehearsed.unzip();
     // It may have moved since.
     machine.report()?;
     let track = Track::new(machine.status, &settings);
     let mut watch = Watch::new((machine.link, track), options.sim, shared.clone());
-    watch.begin(path_follower)?;
+    watch.begin(path_follower, expected)?;
     let link = options.link.as_deref().map(Pty::at).transpose()?;
     let file = options.file.as_deref().and_then(Path::file_name);
     let title = file.map_or_else(|| name, |name| name.to_string_lossy().into_owned());
@@ -72,8 +75,11 @@ fn run(options: &Options) -> Result<ExitCode> {
     Ok(ExitCode::from(u8::from(refused > 0)))
 }
 
+/// A job that is known in advance, and the alarm in which it ends.
+type Rehearsed = (Option<(Job, PathFollower)>, Option<RaisedAlarm>);
+
 /// Runs the program in advance, if there is one that can be read twice.
-fn rehearse(options: &Options, machine: &mut Machine) -> Result<Option<(Job, PathFollower)>> {
+fn rehearse(options: &Options, machine: &mut Machine) -> Result<Rehearsed> {
     let has_machine = options.sim || options.program.is_some();
     ensure!(
         options.settings.is_none() || has_machine,
@@ -81,7 +87,7 @@ fn rehearse(options: &Options, machine: &mut Machine) -> Result<Option<(Job, Pat
     );
     let file = options.program.as_ref().or(options.file.as_ref());
     let Some(path) = file.filter(|path| !path.is_standard_input()) else {
-        return Ok(None);
+        return Ok((None, None));
     };
     let mut answers = source::answers(machine)?;
     if let Some(settings) = options.settings.as_ref().filter(|_| !options.sim) {
@@ -90,11 +96,11 @@ fn rehearse(options: &Options, machine: &mut Machine) -> Result<Option<(Job, Pat
         answers.settings = text.lines().map(str::to_owned).collect();
     }
     match Rehearsal::of(path, &answers) {
-        Ok(Rehearsal { job, path_follower }) => Ok(Some((job, path_follower))),
+        Ok(Rehearsal { job, path_follower }) => Ok((Some((job, path_follower)), None)),
         // The machine is watched all the same.
         Err(error) if options.program.is_none() => {
             ui::warning(&format!("the path of the job is not shown: {error:#}"));
-            Ok(None)
+            Ok((None, error.downcast().ok()))
         }
         Err(error) => Err(error),
     }

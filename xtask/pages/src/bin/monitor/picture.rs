@@ -54,6 +54,10 @@ pub(crate) struct Now {
     pub(crate) lines: u64,
     /// How far the job is that is known in advance.
     pub(crate) job: Option<Progress>,
+    /// The last alarm: its line, what it means and what to do.
+    pub(crate) alarm: Option<String>,
+    /// The line that was refused last, with the same.
+    pub(crate) refusal: Option<String>,
 }
 
 /// The picture.
@@ -164,6 +168,9 @@ impl Picture {
         now.machine_mm = Some(report.machine_mm);
         now.work_mm = Some(report.work_mm);
         now.state.clone_from(&report.state);
+        if ["Run", "Jog", "Home"].contains(&report.state.as_str()) {
+            now.alarm = None;
+        }
         if let Some(speed) = report.speed_mm_min {
             now.speed_mm_min = speed;
             self.speeds.push((now.time_s, speed));
@@ -176,9 +183,18 @@ impl Picture {
         self.version += 1;
     }
 
-    /// Takes note of the lines of a program that are answered.
-    pub(crate) fn count_lines(&mut self, lines: u64) {
+    /// Takes note of the lines of a program that are answered, and of one that is refused.
+    pub(crate) fn count_lines(&mut self, lines: u64, refusal: Option<String>) {
         self.now.lines = lines;
+        self.now.refusal = refusal.or(self.now.refusal.take());
+        self.version += 1;
+    }
+
+    /// Takes note of an alarm. It stays until the machine moves again.
+    pub(crate) fn alarm(&mut self, alarm: &str) {
+        self.now.alarm = Some(alarm.into());
+        // The next report comes too late for a page that this ends.
+        self.now.state = "Alarm".into();
         self.version += 1;
     }
 
@@ -392,6 +408,29 @@ mod tests {
         assert_eq!(picture.change(&mut Shown::default()).unwrap().path.len(), 3);
         picture.simplify();
         assert!(picture.change(&mut shown).unwrap().is_all);
+        picture.alarm("ALARM:1, why");
+        let now = picture.change(&mut shown).unwrap().now;
+        assert_eq!(
+            (now.state.as_str(), now.alarm.as_deref()),
+            ("Alarm", Some("ALARM:1, why"))
+        );
+        // It is still there when the machine is unlocked, but not when it moves.
+        for (state, is_shown) in [("Alarm", true), ("Idle", true), ("Run", false)] {
+            let state = state.into();
+            picture.report(
+                &Report {
+                    state,
+                    ..report(0.0)
+                },
+                Duration::from_secs(2),
+            );
+            assert_eq!(
+                picture.now().alarm.is_some(),
+                is_shown,
+                "{}",
+                picture.now().state
+            );
+        }
         picture.end();
         assert!(picture.change(&mut shown).unwrap().is_over);
     }

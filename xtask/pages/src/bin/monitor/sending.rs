@@ -2,8 +2,8 @@
 
 use anyhow::Result;
 use common::ui;
-use grbl_client::{Response, Sender, sender::Received};
-use simulation::program::Program;
+use grbl_client::{Response, Sender, meaning, sender::Received};
+use simulation::{program::Program, shown};
 
 /// A program on its way.
 pub(crate) struct Sending {
@@ -54,21 +54,30 @@ impl Sending {
         Ok(())
     }
 
-    /// Takes an answer. Returns how many lines are answered.
-    pub(crate) fn answer(&mut self, text: &str) -> u64 {
+    /// Number and text of the oldest line that is not answered.
+    pub(crate) fn oldest(&self) -> Option<(u64, &[u8])> {
+        self.sender.oldest()
+    }
+
+    /// Takes an answer. Returns how many lines are answered, and a refused line with the reason.
+    pub(crate) fn answer(&mut self, text: &str) -> (u64, Option<String>) {
         self.idle = 0;
+        let mut refusal = None;
         if let Received::Answer(answered) = self.sender.receive(text)
-            && let Response::Error(_) = answered.response
+            && let Response::Error(number) = answered.response
         {
             self.refused += 1;
-            let line = String::from_utf8_lossy(&answered.line).into_owned();
-            ui::warning(&format!(
-                "line {}, {}: {text}",
+            let reason = meaning::error_with_remedy(number);
+            let text = format!(
+                "line {} ({}): {text}{}",
                 answered.number,
-                line.trim()
-            ));
+                shown(&answered.line),
+                meaning::after_comma(reason.as_deref())
+            );
+            ui::warning(&text);
+            refusal = Some(text);
         }
-        self.sender.answered()
+        (self.sender.answered(), refusal)
     }
 
     /// Takes the state of a report.
@@ -97,7 +106,7 @@ mod tests {
         job.feed(&mut machine).unwrap();
         assert_eq!(String::from_utf8_lossy(&machine).lines().count(), 4);
         for answered in 1..=9 {
-            assert_eq!(job.answer("ok"), answered);
+            assert_eq!(job.answer("ok"), (answered, None));
             job.feed(&mut machine).unwrap();
         }
         // The line that writes to the flash goes alone.
@@ -108,7 +117,12 @@ mod tests {
         job.report("Idle");
         job.report("Idle");
         assert!(!job.is_done());
-        job.answer("error:20");
+        assert_eq!(job.oldest(), Some((11, &b"G99"[..])));
+        let refusal = job.answer("error:20").1.expect("it is refused");
+        assert!(
+            refusal.starts_with("line 11 (G99): error:20, this command or word is not supported: "),
+            "{refusal}"
+        );
         job.report("Run");
         job.report("Idle");
         assert!(!job.is_done());

@@ -13,10 +13,11 @@ use anyhow::{Context, Result, bail};
 use grbl_client::{
     Link,
     link::{self, PollFlags},
+    meaning::{self, LineOfAlarm},
     realtime,
 };
 use rustix::io::Errno;
-use simulation::pty::Pty;
+use simulation::{playing::RaisedAlarm, pty::Pty, shown};
 
 use crate::{
     path_follower::PathFollower,
@@ -44,6 +45,8 @@ pub(crate) struct Watch {
     tap: Tap,
     /// The path of the job, where it is known in advance.
     path_follower: Option<PathFollower>,
+    /// The alarm in which the job ends on the virtual machine.
+    expected: Option<RaisedAlarm>,
     /// The last report.
     report: Option<Report>,
     /// Steps in a unit of the path, once a line of the stream has been seen: from then on reports add no
@@ -69,6 +72,7 @@ impl Watch {
             start: Instant::now(),
             track,
             path_follower: None,
+            expected: None,
             report: None,
             tap: Tap::new(is_simulated),
             stream_scale: None,
@@ -79,8 +83,13 @@ impl Watch {
     }
 
     /// Shows where the machine is now, with what it is going to do, where that is known.
-    pub(crate) fn begin(&mut self, path_follower: Option<PathFollower>) -> Result<()> {
+    pub(crate) fn begin(
+        &mut self,
+        path_follower: Option<PathFollower>,
+        expected: Option<RaisedAlarm>,
+    ) -> Result<()> {
         self.path_follower = path_follower;
+        self.expected = expected;
         let report = self.track.report().map(Sighting::Report);
         report.map_or(Ok(()), |report| self.update(&report, None))
     }
@@ -170,17 +179,48 @@ impl Watch {
             }
             Sighting::Answer(text) => {
                 if let Some(job) = job {
-                    let lines = job.answer(text);
-                    self.shared.change(|picture| picture.count_lines(lines));
+                    let (lines, refusal) = job.answer(text);
+                    self.shared
+                        .change(|picture| picture.count_lines(lines, refusal));
                 }
             }
-            Sighting::Alarm(text) if job.is_some() => {
-                bail!("{} is locked: {text}", self.link.name);
+            Sighting::Alarm(text) => {
+                let alarm = self.alarm(text.trim(), job.as_deref()).to_string();
+                self.shared.change(|picture| picture.alarm(&alarm));
+                if job.is_some() {
+                    bail!("{} is locked: {alarm}", self.link.name);
+                }
             }
-            Sighting::Alarm(_) | Sighting::Welcome => {}
+            Sighting::Welcome => {}
             Sighting::Other(text) => self.link.ensure_is_free(text)?,
         }
         Ok(())
+    }
+
+    /// An alarm with its line, as far as that is known, and what it means.
+    fn alarm(&self, name: &str, job: Option<&Sending>) -> RaisedAlarm {
+        let number = name.trim_start_matches("ALARM:");
+        let (line, text) = match meaning::line_of_alarm(number) {
+            Some(LineOfAlarm::Unanswered) => job.and_then(Sending::oldest).unwrap_or_default(),
+            Some(LineOfAlarm::UnderWay) => {
+                let job = self.shared.lock().now().job;
+                (job.map_or(0, |job| job.line), &b""[..])
+            }
+            None => Default::default(),
+        };
+        let expected = self.expected.as_ref();
+        let is_expected =
+            |expected: &&RaisedAlarm| expected.name == name && (line == 0 || line == expected.line);
+        expected
+            .filter(is_expected)
+            .cloned()
+            .unwrap_or_else(|| RaisedAlarm {
+                line,
+                text: shown(text),
+                name: name.into(),
+                why: meaning::alarm_with_remedy(number, None)
+                    .unwrap_or_else(|| "an unknown alarm".into()),
+            })
     }
 
     /// Finds how far the job is when the machine is at a place.

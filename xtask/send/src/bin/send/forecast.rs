@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use anyhow::{Result, bail, ensure};
+use grbl_client::meaning::{self, LineOfAlarm};
 use leadscrew::{
     model::PathControl,
     sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
@@ -10,8 +11,11 @@ use leadscrew::{
 };
 use simulation::{
     machine_answers::{self, MachineAnswers, searches},
-    output, refusal,
+    output,
+    playing::reason_of_alarm,
+    refusal,
     sender::Response,
+    shown,
 };
 
 use crate::link::Stopped;
@@ -89,8 +93,16 @@ impl Forecast {
         bar.finish_and_clear();
         drop(stream);
         recorder.change(&simulator);
-        if let Some((line, alarm)) = recorder.alarm {
-            bail!("line {line} would end in {alarm}");
+        if let Some((answered, number, reason)) = &recorder.alarm {
+            let undone = recorder.forecast.first_undone(*answered as usize) as u64;
+            let line = answered + 1;
+            let place = match meaning::line_of_alarm(number) {
+                Some(LineOfAlarm::UnderWay) if undone < *answered => {
+                    format!("one of the lines {} to {line}", undone + 1)
+                }
+                _ => format!("line {line} ({})", shown(recorder.sent(line))),
+            };
+            bail!("{place} would end in ALARM:{number}, {reason}");
         }
         if end == StreamEnd::Stuck {
             bail!(
@@ -144,7 +156,16 @@ struct Recorder<'a> {
     /// The finished entries at answers since the last change.
     pending: Vec<u32>,
     forecast: Forecast,
-    alarm: Option<(u64, String)>,
+    /// Answers before the first alarm, its number and what it means.
+    alarm: Option<(u64, String, String)>,
+}
+
+impl Recorder<'_> {
+    /// A line of the job, from 1; nothing after its end.
+    fn sent(&self, line: u64) -> &[u8] {
+        let index = (line as usize).wrapping_sub(1);
+        self.lines.get(index).map_or(&[], Vec::as_slice)
+    }
 }
 
 impl Watcher for Recorder<'_> {
@@ -192,18 +213,17 @@ impl Watcher for Recorder<'_> {
             .push(self.finished.front().map_or(0, |(_, finished)| *finished));
         let text = String::from_utf8_lossy(answer);
         if let Some(response @ Response::Error(_)) = Response::parse(&text) {
-            let sent = line
-                .checked_sub(1)
-                .and_then(|index| self.lines.get(index as usize));
-            let sent = sent.map_or(&[][..], Vec::as_slice);
-            self.forecast.refused.push(refusal(line, sent, response));
+            let refusal = refusal(line, self.sent(line), response);
+            self.forecast.refused.push(refusal);
         }
     }
 
-    fn message(&mut self, answers: u64, message: &[u8]) {
-        if message.starts_with(b"ALARM:") {
-            let text = String::from_utf8_lossy(message).into_owned();
-            self.alarm.get_or_insert((answers + 1, text));
+    fn message(&mut self, simulator: &Simulator, answers: u64, message: &[u8]) {
+        if let Some(number) = message.strip_prefix(b"ALARM:") {
+            let number = String::from_utf8_lossy(number);
+            let reason = reason_of_alarm(&number, simulator.session());
+            self.alarm
+                .get_or_insert((answers, number.into_owned(), reason));
         }
     }
 }
@@ -275,7 +295,8 @@ mod tests {
         guarded.settings.extend(["$22=1".into(), "$20=1".into()]);
         let error =
             Forecast::of(&guarded, &lines("G0 X-1\nG0 X-900"), UNLIMITED_BAUD, never).unwrap_err();
-        assert_eq!(error.to_string(), "line 2 would end in ALARM:2");
+        let expected = "line 2 (G0 X-900) would end in ALARM:2, the target is outside the machine's travel (X -900.000 ";
+        assert!(error.to_string().starts_with(expected), "{error}");
     }
 
     #[test]
@@ -311,7 +332,7 @@ mod tests {
             self.at_answers.push(self.now);
         }
 
-        fn message(&mut self, _: u64, _: &[u8]) {}
+        fn message(&mut self, _: &Simulator, _: u64, _: &[u8]) {}
     }
 
     #[test]

@@ -26,6 +26,7 @@ use grbl_client::{
     Link, Machine, MachineAnswers,
     link::{self, LinkLost, PollFlags, Stopped},
 };
+use leadscrew::{axis::AXES, units::Nm};
 use simulation::{
     interrupt,
     machine_answers::{self, UNLIMITED_BAUD},
@@ -134,6 +135,9 @@ fn send(
     let mut job = Transmission::new(&approach, lines, first, options.despite_refusals);
     // It has the offset in it, which not every report has.
     job.status.clone_from(&machine.status);
+    let settings = machine_answers::settings(began);
+    let travel = |axis| settings.travel(axis).map(|ends| ends.map(Nm::to_mm_f64));
+    job.travel_mm = (0..AXES).map(travel).collect();
     let mut run = Run {
         job,
         machine,
@@ -310,6 +314,7 @@ impl Run<'_> {
             self.machine.link.send(&output)?;
             if self.job.answered() != answered.0 {
                 answered = (self.job.answered(), Instant::now());
+                self.job.undone = self.forecast.first_undone(answered.0);
             }
             self.show(answered.1);
             if kept.is_none_or(|kept| kept.elapsed() >= RECORD_PERIOD) {

@@ -94,7 +94,8 @@ impl ManualLines {
         self.unanswered -= 1;
         Some(match response {
             Response::Error(number) => {
-                format!("{line}{}", meaning::after_comma(meaning::error(number)))
+                let why = meaning::error_with_remedy(number);
+                format!("{line}{}", meaning::after_comma(why.as_deref()))
             }
             Response::Ok => line.into(),
         })

@@ -5,9 +5,13 @@
 use std::mem;
 
 use grbl_client::{
-    Line, Response, Sender, Status, meaning, realtime,
+    Line, Response, Sender, Status,
+    meaning::{self, LineOfAlarm},
+    realtime,
     sender::{Answered, Received},
 };
+use leadscrew::{axis::LETTERS, model::Alarm};
+use simulation::shown;
 
 use crate::manual_lines::ManualLines;
 
@@ -100,6 +104,10 @@ pub(crate) struct Transmission {
     pub(crate) has_operator: bool,
     /// A refused line does not end the job.
     ignores_refusals: bool,
+    /// The first line of the program that the machine may not have carried out, from 0.
+    pub(crate) undone: usize,
+    /// The travel of each axis that has one.
+    pub(crate) travel_mm: Vec<Option<[f64; 2]>>,
     /// The dwell at the end has been sent.
     is_last_sent: bool,
     output: Vec<u8>,
@@ -131,6 +139,8 @@ impl Transmission {
             measured: None,
             has_operator: true,
             ignores_refusals,
+            undone: first,
+            travel_mm: Vec::new(),
             is_last_sent: false,
             output: Vec::new(),
             notes: Vec::new(),
@@ -220,20 +230,25 @@ impl Transmission {
         }
     }
 
+    /// Names the sent line of an index, from 0: by its number in the program.
+    fn place(&self, index: usize) -> String {
+        if index < self.approach {
+            "the approach".into()
+        } else {
+            format!("line {}", index - self.approach + self.first + 1)
+        }
+    }
+
     fn answer(&mut self, answered: &Answered) {
         let Response::Error(number) = answered.response else {
             return;
         };
         let index = answered.number as usize - 1;
         let text = String::from_utf8_lossy(&answered.line);
-        let place = if index < self.approach {
-            "the approach".into()
-        } else {
-            format!("line {}", index - self.approach + self.first + 1)
-        };
+        let place = self.place(index);
         let refusal = format!(
             "{place} is refused: {text}: error:{number}{}",
-            meaning::after_comma(meaning::error(number))
+            meaning::after_comma(meaning::error_with_remedy(number).as_deref())
         );
         if self.ignores_refusals && index >= self.approach {
             self.notes.push(refusal);
@@ -296,13 +311,54 @@ impl Transmission {
     }
 
     fn alarm(&mut self, number: &str) {
-        let text = meaning::after_comma(meaning::alarm(number));
         if self.manual_lines.is_on() {
-            self.notes
-                .push(format!("ALARM:{number}{text}: $X unlocks the machine"));
+            let text = meaning::alarm_with_remedy(number, None);
+            let text = text.unwrap_or_else(|| "$X unlocks the machine".into());
+            self.notes.push(format!("ALARM:{number}, {text}"));
             return;
         }
-        self.phase = Phase::Failed(format!("ALARM:{number}{text}"));
+        let is_of_travel = number.parse() == Ok(Alarm::SoftLimit.number());
+        let details = is_of_travel.then(|| self.travel());
+        let text = meaning::alarm_with_remedy(number, details.as_deref());
+        let text = meaning::after_comma(text.as_deref());
+        let place = self.place_of_alarm(number);
+        self.phase = Phase::Failed(format!("{place}ALARM:{number}{text}"));
+    }
+
+    /// The line at which an alarm has risen, before a colon: the lines of which it is one, or nothing.
+    fn place_of_alarm(&self, number: &str) -> String {
+        let index = self.sender.answered() as usize;
+        let undone = self.undone.saturating_sub(self.first) + self.approach;
+        let Some(last) = self.lines.len().checked_sub(1) else {
+            return String::new();
+        };
+        match meaning::line_of_alarm(number) {
+            Some(LineOfAlarm::UnderWay) if undone < index.min(last) => {
+                let (first, last) = (self.place(undone), self.place(index.min(last)));
+                format!("{first} to {last}: ")
+            }
+            Some(_) if index <= last => {
+                format!("{} ({}): ", self.place(index), shown(&self.lines[index]))
+            }
+            Some(LineOfAlarm::UnderWay) => format!("{}: ", self.place(last)),
+            Some(LineOfAlarm::Unanswered) | None => String::new(),
+        }
+    }
+
+    /// The travel of the machine and its work zero, as far as they are known.
+    fn travel(&self) -> String {
+        let axes = LETTERS.iter().map(|letter| char::from(*letter));
+        let ranges = axes.clone().zip(&self.travel_mm);
+        let ranges = ranges.filter_map(|(axis, travel)| {
+            travel.map(|[lowest, highest]| format!("{axis} {lowest:.3} to {highest:.3}"))
+        });
+        let zeros = axes.zip(self.status.work_offset().unwrap_or_default());
+        let zeros: Vec<_> = zeros.map(|(axis, mm)| format!("{axis} {mm:.3}")).collect();
+        let mut text = format!("it is {}", ranges.collect::<Vec<_>>().join(", "));
+        if !zeros.is_empty() {
+            text += &format!("; the work zero is at {}", zeros.join(" "));
+        }
+        text
     }
 
     fn welcome(&mut self) {

@@ -141,6 +141,9 @@ function draw() {
   $('state').textContent = now.state || '\u00a0';
   $('speed').textContent = Math.round(now.speed_mm_min || 0);
   $('lines').textContent = now.lines || 0;
+  // The alarms of the job in advance are in its table.
+  $('alarm').textContent = now.alarm || '';
+  $('refusal').textContent = now.refusal || '';
   const { view } = window;
   const { job } = now;
   const { live } = view.scene;

@@ -138,7 +138,7 @@ impl Watcher for ToolPath {
         self.answered += 1;
     }
 
-    fn message(&mut self, _: u64, message: &[u8]) {
+    fn message(&mut self, _: &Simulator, _: u64, message: &[u8]) {
         assert!(!message.starts_with(b"ALARM"));
     }
 }

@@ -192,7 +192,7 @@ fn ends_at(text: &str) -> Vec<i32> {
         fn answer(&mut self, line: u64, answer: &[u8]) {
             assert_eq!(answer, b"ok", "line {line}");
         }
-        fn message(&mut self, _: u64, message: &[u8]) {
+        fn message(&mut self, _: &Simulator, _: u64, message: &[u8]) {
             assert!(!message.starts_with(b"ALARM"));
         }
     }

@@ -179,13 +179,52 @@ fn ctrl_c_holds_first_and_then_stops() {
 fn an_alarm_and_a_reset_from_elsewhere_end_the_job() {
     let mut limit = job(&["G0 X1"]);
     receive(&mut limit, &["ALARM:1"]);
-    assert!(matches!(&limit.phase, Phase::Failed(reason) if reason.len() > "ALARM:1, ".len()));
+    assert!(matches!(&limit.phase, Phase::Failed(reason) if reason.contains("ALARM:1, ")));
     let mut reset = job(&["G0 X1"]);
     receive(&mut reset, &["Grbl 1.1h ['$' for help]"]);
     assert_eq!(
         reset.phase,
         Phase::Failed("the machine has been reset".into())
     );
+}
+
+/// Why a job has failed.
+fn reason(job: &Transmission) -> &str {
+    match &job.phase {
+        Phase::Failed(reason) => reason,
+        phase => panic!("{phase:?}"),
+    }
+}
+
+#[test]
+fn an_alarm_is_reported_with_the_lines_that_may_have_raised_it() {
+    let lines = ["G0 X1", "G1 X250", "X1", "X2"];
+    let mut travel = job(&lines);
+    assert_eq!(sent(&mut travel).lines().count(), 4);
+    travel.travel_mm = vec![Some([-200.0, 0.0]), None, Some([-50.0, 0.0])];
+    let report = "<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:-5.000,0.000,-10.000>";
+    receive(&mut travel, &[report, "ok", "ALARM:2"]);
+    let place = "line 2 (G1 X250): ALARM:2, the target is outside the machine's travel \
+        (it is X -200.000 to 0.000, Z -50.000 to 0.000; the work zero is at X -5.000 Y 0.000 Z -10.000): reset";
+    assert!(reason(&travel).starts_with(place), "{}", reason(&travel));
+    // Those that have been answered may not have been carried out.
+    let mut limit = job(&lines);
+    sent(&mut limit);
+    limit.undone = 1;
+    receive(&mut limit, &["ok", "ok", "ok", "ALARM:1"]);
+    let place = "line 2 to line 4: ALARM:1, a limit switch closed";
+    assert!(reason(&limit).starts_with(place), "{}", reason(&limit));
+    let lines = lines.map(|line| line.as_bytes().to_vec());
+    let mut resumed = Transmission::new(&["G53 G0 Z0".into()], &lines, 2, false);
+    sent(&mut resumed);
+    receive(&mut resumed, &["ok", "ALARM:5"]);
+    let place = "line 3 (X1): ALARM:5, the probe made no contact: ";
+    assert!(reason(&resumed).starts_with(place), "{}", reason(&resumed));
+    let mut before = Transmission::new(&["G53 G0 Z0".into()], &lines, 2, false);
+    sent(&mut before);
+    receive(&mut before, &["ALARM:1"]);
+    let place = "the approach (G53 G0 Z0): ALARM:1";
+    assert!(reason(&before).starts_with(place), "{}", reason(&before));
 }
 
 #[test]
