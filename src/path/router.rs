@@ -66,6 +66,8 @@ pub struct Router {
     /// The moves to come end at a standstill (`G61.1`), and the last block does.
     is_exact_stop: bool,
     ended_in_exact_stop: bool,
+    /// See [`Self::duration_ms`].
+    duration_ms: u32,
     /// An arc could not follow the rule of `$790`.
     #[cfg(arc_machine)]
     is_off_steps: bool,
@@ -102,6 +104,7 @@ impl Router {
             laser: Laser::None,
             is_exact_stop: false,
             ended_in_exact_stop: false,
+            duration_ms: 0,
             #[cfg(arc_machine)]
             is_off_steps: false,
         }
@@ -110,6 +113,22 @@ impl Router {
     /// Sets whether the moves to come end at a standstill each, as under `G61.1`; a jog never does.
     pub fn set_exact_stop(&mut self, is_exact_stop: bool) {
         self.is_exact_stop = is_exact_stop;
+    }
+
+    /// Returns the duration of all moves so far, ms, wrapping: at nominal speeds without overrides and without
+    /// acceleration.
+    #[must_use]
+    pub const fn duration_ms(&self) -> u32 {
+        self.duration_ms
+    }
+
+    /// Returns the longest time that an axis takes to brake from its greatest speed, s. What lasts so long at nominal
+    /// speeds is longer than any braking distance, also under a feed override of 200 %.
+    #[must_use]
+    pub fn longest_braking_s(&self) -> f32 {
+        let limits = &self.limits;
+        let braking_s = (limits.speed_mm_s).zip(limits.acceleration_mm_s2, |v, a| v / a);
+        braking_s.iter().fold(0.0, |a, b| math::max(a, *b))
     }
 
     /// Applies new settings at a standstill, of which the steps are to be set.
@@ -324,13 +343,16 @@ impl Router {
     ) -> Block {
         let limit_mm_s = geometry.limit_mm_s;
         let programmed_mm_s = programmed_mm_s(feed_rate, geometry.length_mm, limit_mm_s);
+        let nominal_mm_s = math::min(programmed_mm_s, limit_mm_s);
+        let duration_ms = (1_000.0 * geometry.length_mm / nominal_mm_s) as u32;
+        self.duration_ms = self.duration_ms.wrapping_add(duration_ms);
         let [tangent, end_tangent] = geometry.tangents;
         let [curvature, end_curvature] = geometry.curvatures;
         let block = Block {
             delta: end.fine.zip(self.at.fine, |to, from| to.0 - from.0),
             steps_per_mm: geometry.steps_per_mm,
             length_mm: geometry.length_mm,
-            nominal_mm_s: math::min(programmed_mm_s, limit_mm_s),
+            nominal_mm_s,
             programmed_mm_s,
             limit_mm_s,
             kind: kind(feed_rate),

@@ -21,6 +21,7 @@ mod operator_message;
 mod persistence;
 mod position_stream;
 mod program;
+mod queued_duration;
 mod reset;
 mod sending;
 #[cfg(arc_machine)]
@@ -443,6 +444,11 @@ impl Session {
                 .union(Awaited::ENTRIES)
                 .union(Awaited::SEGMENTS),
             LineStage::Reading | LineStage::ReadingManual => Awaited::LINE,
+            LineStage::Sending(_) | LineStage::Compensating(_)
+                if self.machine_sync.waits_for_time =>
+            {
+                Awaited::ENTRIES.union(Awaited::SEGMENTS)
+            }
             LineStage::Sending(_) | LineStage::Compensating(_) => Awaited::ENTRIES_BATCHED,
             LineStage::Starting { .. }
             | LineStage::ListingDefaults(_)

@@ -144,6 +144,8 @@ settings! {
     shortens_jogs: bool = false,
     /// `$796` Whether the line behind a refused one waits for cycle start.
     holds_after_refusal: bool = false,
+    /// `$797` Duration of the motion that may wait behind the one in execution, s; 0 does not limit it.
+    queued_motion_s: u8 = 5,
     /// `$798` Whether a contact of the probe outside of a probing move stops the machine, once the probe has worked.
     stops_at_contact: bool = true,
     /// `$21` Hard limits.

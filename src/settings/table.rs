@@ -155,6 +155,7 @@ pub(super) static TABLE: &[Row] = &[
     row(794, General, Extension, "cycle start at Idle runs the stored program again and again", "", Flag(|s| &mut s.runs_stored_program)),
     row(795, SettingGroup::Axes, Extension, "CoreXY: the motors of X and Y turn for X + Y and X - Y", "", Flag(|s| &mut s.core_xy)).checked(rules::belts_turn_at_rate).adjusting(rules::belts_have_one_resolution),
     row(796, General, Extension, "the line behind a refused one waits for cycle start", "", Flag(|s| &mut s.holds_after_refusal)),
+    row(797, General, Extension, "motion that may be queued, 0 for no limit", "s", byte(|s| &mut s.queued_motion_s)),
     row(798, General, Extension, "a contact of the probe outside of a probing move stops the machine, once the probe has made contact in one", "", Flag(|s| &mut s.stops_at_contact)),
     row(800, SettingGroup::Axes, Extension, "jerk, 0 for no limit", "mm/s³", axis_number(|s| &mut s.jerk_mm_s3)),
 ];

@@ -51,6 +51,17 @@ def two_tools():
         yield "M5"
 
 
+def long_moves():
+    """A job whose moves would keep a full look-ahead busy for 45 s, with the spindle switched behind them.
+
+    It begins and ends 10 mm above the origin.
+    """
+    yield from ["G21 G90 G54 G0 Z10", "X0 Y0", "M3 S800"]
+    for number in range(140):
+        yield f"G1 X{3.5 * (1 - number % 2)} F600"
+    yield "M5"
+
+
 def until(claim, what, progress, listen=lambda: time.sleep(0.01)):
     """Waits until a claim is true, and returns what it says.
 

@@ -18,6 +18,7 @@ mod postponed;
 mod power;
 mod probed_zero;
 mod probing;
+mod queued_motion;
 mod refused_lines;
 mod spindle;
 mod status;

@@ -42,7 +42,7 @@ fn assert_reports(machine: &mut Machine, state: &str) {
 
 #[test]
 fn a_report_comes_within_5_ms_in_every_state_of_a_program() {
-    let mut machine = on_line(&["110=6000", "120=100"]);
+    let mut machine = on_line(&["110=6000", "120=100", "797=0"]);
     assert_reports(&mut machine, "Idle");
     // More moves than the look-ahead and the queues hold, and bytes behind them.
     let lines = (1..=160).map(|k| format!("G1X{k}F600\n"));

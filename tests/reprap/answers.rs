@@ -91,6 +91,7 @@ fn parts_that_are_not_there_are_reported_and_nobody_waits_for_them() {
 #[test]
 fn the_ok_waits_for_room() {
     let mut machine = reprap();
+    machine.ask("$797=0");
     let mut line = 0;
     let mut answered = 0;
     while answered == line {

@@ -10,13 +10,19 @@ use anstream::println;
 use anyhow::{Result, bail, ensure};
 use common::options::Qemu as Options;
 use common::{cargo, text, ui};
-use grbl_client::{Report, Response, Sender, realtime, sender::Received};
+use grbl_client::{
+    Report, Response, Sender,
+    meaning::{self, LineOfAlarm},
+    realtime,
+    sender::Received,
+};
 use indicatif::ProgressBar;
 use leadscrew::settings::{Settings, StepRate};
-use owo_colors::OwoColorize;
 use simulation::{
+    alarm_row,
     figures::{Figures, Final},
     output,
+    playing::RaisedAlarm,
     program::Program,
     refusal,
     settings::{self, Loaded},
@@ -203,10 +209,15 @@ impl Host<'_> {
             Received::Surplus(response) => bail!("the firmware answers {response} to nothing"),
             Received::Message if line.is_empty() => {}
             Received::Message => {
-                if line.starts_with("ALARM:") {
-                    self.figures.refusals.alarm(self.sender.answered(), &line);
-                    self.bar
-                        .suspend(|| println!("{:>8}  {}", "", line.red().bold()));
+                if let Some(number) = line.strip_prefix("ALARM:") {
+                    let place = match meaning::line_of_alarm(number) {
+                        Some(LineOfAlarm::Unanswered) => self.sender.oldest(),
+                        Some(LineOfAlarm::UnderWay) | None => None,
+                    };
+                    let place = place.unwrap_or((self.sender.answered(), b""));
+                    let alarm = RaisedAlarm::at(number, place);
+                    self.bar.suspend(|| println!("{}", alarm_row(&alarm)));
+                    self.figures.refusals.raise(alarm);
                 }
                 self.figures.messages.push((self.sender.answered(), line));
             }

@@ -101,16 +101,8 @@ impl Session {
                     let braking_s = 0.5 * speed / block.acceleration_mm_s2;
                     self.machine_sync.handover_mm = speed * (braking_s + HANDOVER_S);
                 }
-                let cancellation_count = self.machine_sync.cancellation_count();
-                if entries
-                    .enqueue(Entry {
-                        cancellation_count,
-                        work,
-                    })
-                    .is_ok()
-                {
-                    self.machine_sync.count_entry();
-                }
+                let end_ms = self.router.duration_ms();
+                self.machine_sync.send(work, end_ms, entries);
             }
             self.blender.dequeue();
         }

@@ -2,7 +2,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{AfterCommands, LineStage, Links, Session, Source};
+use super::{AfterCommands, LineStage, Links, Session, Source, queued_duration::QueuedDuration};
 use crate::{
     axis::Axes,
     machine::Snapshot,
@@ -54,6 +54,10 @@ pub(super) struct MachineSync {
     pub(super) line_break: LineBreak,
     /// Distance before the end of the last blended move at which the machine must know more, mm.
     pub(super) handover_mm: f32,
+    /// A command waits until what has been sent lasts no longer than `$797`.
+    pub(super) waits_for_time: bool,
+    /// How long what has been sent lasts.
+    duration: QueuedDuration,
 }
 
 impl MachineSync {
@@ -72,23 +76,39 @@ impl MachineSync {
         self.reset_count.wrapping_add(self.cancelled_motions)
     }
 
-    /// Sends work. The caller has made sure of room; after standstill the queue is empty.
-    pub(super) fn send(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
+    /// Sends work, up to whose end all moves last so long. The caller has made sure of room; after standstill the queue
+    /// is empty.
+    pub(super) fn send(&mut self, work: Work, end_ms: u32, entries: &mut Producer<'_, Entry>) {
+        let is_speed = matches!(work, Work::Speed(_));
         let cancellation_count = self.cancellation_count();
-        if entries
-            .enqueue(Entry {
-                cancellation_count,
-                work,
-            })
-            .is_ok()
-        {
-            self.count_entry();
+        let entry = Entry {
+            cancellation_count,
+            work,
+        };
+        match entries.enqueue(entry) {
+            Ok(()) if is_speed => self.count_speed(),
+            Ok(()) => self.count_entry(end_ms),
+            Err(_) => {}
         }
     }
 
-    /// Counts an entry that has been sent.
-    pub(super) fn count_entry(&mut self) {
+    /// Counts an entry that has been sent, up to whose end all moves last so long.
+    #[inline]
+    pub(super) fn count_entry(&mut self, end_ms: u32) {
         self.entered = self.entered.wrapping_add(1);
+        self.duration.add(end_ms);
+    }
+
+    /// Counts a speed of the spindle that has been sent: it is done before the moves ahead of it.
+    pub(super) fn count_speed(&mut self) {
+        self.entered = self.entered.wrapping_add(1);
+    }
+
+    /// Returns whether the work behind that in execution lasts longer than a limit.
+    #[inline]
+    pub(super) fn lasts_longer_than(&self, limit_ms: u32, machine: &Snapshot) -> bool {
+        let unfinished = self.entered.wrapping_sub(machine.finished);
+        unfinished > 1 && self.duration.of_newest_ms(unfinished - 1) > limit_ms
     }
 }
 
@@ -100,7 +120,8 @@ impl Session {
 
     /// Sends work that needs standstill.
     pub(super) fn send_work(&mut self, work: Work, links: &mut Links<'_, '_>) {
-        self.machine_sync.send(work, links.entries);
+        let end_ms = self.router.duration_ms();
+        self.machine_sync.send(work, end_ms, links.entries);
     }
 
     /// Learns at standstill where the machine is, if that is not known, and that its jogs have ended.

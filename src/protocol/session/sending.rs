@@ -8,7 +8,8 @@
 use heapless::spsc::Producer;
 
 use super::{
-    AfterCommands, LineStage, Links, Progress, Session, Source, machine_sync::ProgrammedPosition,
+    AfterCommands, LineStage, Links, Progress, Session, Source,
+    machine_sync::{MachineSync, ProgrammedPosition},
 };
 use crate::{
     machine::Snapshot,
@@ -53,7 +54,7 @@ impl Session {
             if !is_blended {
                 self.router.flush(&mut self.blender);
             }
-            if !self.drain(links.entries) || !links.entries.ready() {
+            if !self.has_room(links) {
                 return false;
             }
             let drills = self.line.drilling == Some(*next);
@@ -78,6 +79,39 @@ impl Session {
             self.send_work(Work::EndOverrides, links);
         }
         true
+    }
+
+    /// Returns whether another command may be sent: all that is ready has been, there is room for an entry, and what
+    /// waits in the machine does not last too long.
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "a call for each move costs as much again"
+    )]
+    fn has_room(&mut self, links: &mut Links<'_, '_>) -> bool {
+        self.machine_sync.waits_for_time = self.is_enough_queued(links.machine);
+        self.drain(links.entries) && links.entries.ready() && !self.machine_sync.waits_for_time
+    }
+
+    /// Returns whether what the machine has to do behind the work in execution lasts longer than `$797`, and longer than
+    /// it takes to brake: no move becomes slower because one behind it is not known yet.
+    ///
+    /// A jog does not wait for that: one that waited here would begin when those before have been cancelled.
+    #[inline]
+    fn is_enough_queued(&self, machine: &Snapshot) -> bool {
+        let slowest = machine.overrides.feed.min(machine.overrides.rapid);
+        let limit_ms = 10 * u32::from(slowest) * u32::from(self.settings().queued_motion_s);
+        self.machine_sync.lasts_longer_than(limit_ms, machine)
+            && limit_ms != 0
+            && self.line.source != Source::Jog
+            && self.is_braking_known(machine)
+    }
+
+    #[inline(never)]
+    fn is_braking_known(&self, machine: &Snapshot) -> bool {
+        let braking_ms = 1_000.0 * self.router.longest_braking_s();
+        self.machine_sync
+            .lasts_longer_than(braking_ms as u32, machine)
     }
 
     /// Replaces a tilted arc by its next chord. Returns whether another one follows.
@@ -119,10 +153,13 @@ impl Session {
         }
         self.router
             .set_exact_stop(control == PathControl::ExactStop);
-        let cancellation_count = self.machine_sync.cancellation_count();
-        if enqueue(&mut self.router, command, cancellation_count, links.entries) {
+        if enqueue(
+            &mut self.router,
+            command,
+            &mut self.machine_sync,
+            links.entries,
+        ) {
             self.machine_sync.is_jogging |= self.line.source == Source::Jog;
-            self.machine_sync.count_entry();
         } else if let Some(work) = self.work_without_steps(links.machine, number) {
             self.machine_sync.is_jogging |= self.line.source == Source::Jog;
             self.send_work(work, links);
@@ -141,7 +178,7 @@ impl Session {
         if !is_blended {
             self.router.flush(&mut self.blender);
         }
-        if !self.drain(links.entries) || !links.entries.ready() {
+        if !self.has_room(links) {
             return false;
         }
         if is_blended {
@@ -150,10 +187,12 @@ impl Session {
         }
         self.router
             .set_exact_stop(control == PathControl::ExactStop);
-        let cancellation_count = self.machine_sync.cancellation_count();
-        if enqueue(&mut self.router, command, cancellation_count, links.entries) {
-            self.machine_sync.count_entry();
-        } else if let Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } = command
+        if !enqueue(
+            &mut self.router,
+            command,
+            &mut self.machine_sync,
+            links.entries,
+        ) && let Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } = command
             && let Some(work) = self.power_without_steps(*feed_rate)
         {
             self.send_work(work, links);
@@ -282,14 +321,15 @@ impl Session {
     }
 }
 
-/// Enqueues the work of a command; there is room. Returns false for a move without a step.
+/// Enqueues the work of a command, and counts it; there is room. Returns false for a move without a step.
 #[inline(never)]
 fn enqueue(
     router: &mut Router,
     command: &Command,
-    cancellation_count: u32,
+    machine_sync: &mut MachineSync,
     entries: &mut Producer<'_, Entry>,
 ) -> bool {
+    let cancellation_count = machine_sync.cancellation_count();
     let enqueue = |work| {
         entries
             .enqueue(Entry {
@@ -298,7 +338,13 @@ fn enqueue(
             })
             .is_ok()
     };
-    router.route_to(command, enqueue).unwrap_or(false)
+    let is_sent = router.route_to(command, enqueue).unwrap_or(false);
+    match command {
+        _ if !is_sent => {}
+        Command::Speed(_) => machine_sync.count_speed(),
+        _ => machine_sync.count_entry(router.duration_ms()),
+    }
+    is_sent
 }
 
 /// Returns whether a command goes through the blender, in which `G64` may change it.

@@ -25,7 +25,7 @@ pub(super) fn scripts() -> PathBuf {
 /// A Python with the packages of `requirements.txt`.
 pub(super) fn python() -> Result<PathBuf> {
     let (home, list) = (folder().join("python"), scripts().join("requirements.txt"));
-    install::python(&home, &list, "grbl-streamer, bCNC and Printrun")
+    install::python(&home, &list, "grbl-streamer, bCNC, Printrun and others")
 }
 
 /// The same with Tk, which bCNC's modules import.

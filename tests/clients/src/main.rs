@@ -73,6 +73,10 @@ enum Sender {
     /// `cargo xtask send`.
     Ours,
     GrblStreamer,
+    /// Gives up when it has had no answer for 30 s.
+    PygrblStreamer,
+    /// The same, and for 5 s when it switches the tool off.
+    Gantrix,
     Bcnc,
     Cncjs,
     /// The page that cncjs serves, in a browser without a window.
@@ -84,10 +88,12 @@ enum Sender {
 }
 
 impl Sender {
-    const ALL: [Self; 8] = [
+    const ALL: [Self; 10] = [
         Self::Raw,
         Self::Ours,
         Self::GrblStreamer,
+        Self::PygrblStreamer,
+        Self::Gantrix,
         Self::Bcnc,
         Self::Cncjs,
         Self::CncjsPage,
@@ -100,6 +106,8 @@ impl Sender {
             Self::Raw => "raw client",
             Self::Ours => "cargo xtask send",
             Self::GrblStreamer => "grbl-streamer",
+            Self::PygrblStreamer => "pygrbl-streamer",
+            Self::Gantrix => "gantrix",
             Self::Bcnc => "bCNC",
             Self::Cncjs => "cncjs",
             Self::CncjsPage => "cncjs' page",
@@ -144,6 +152,8 @@ impl Sender {
         let (program, script) = match self {
             Self::Raw => (common::install::plain_python()?, "raw.py"),
             Self::GrblStreamer => (install::python()?, "grbl_streamer_jobs.py"),
+            Self::PygrblStreamer => (install::python()?, "pygrbl_streamer_jobs.py"),
+            Self::Gantrix => (install::python()?, "gantrix_jobs.py"),
             Self::Bcnc => (install::python_with_tk()?, "bcnc_jobs.py"),
             Self::Printcore => (install::python()?, "printcore_jobs.py"),
             Self::OctoPrintRules => (install::python()?, "octoprint_jobs.py"),

@@ -88,6 +88,19 @@ pub struct RaisedAlarm {
     pub why: String,
 }
 
+impl RaisedAlarm {
+    /// An alarm of a machine that has said no more than its number, at a line.
+    pub fn at(number: &str, (line, text): (u64, &[u8])) -> Self {
+        let why = meaning::alarm_with_remedy(number, None);
+        Self {
+            line,
+            text: shown(text),
+            name: format!("ALARM:{number}"),
+            why: why.unwrap_or_else(|| "an unknown alarm".into()),
+        }
+    }
+}
+
 impl fmt::Display for RaisedAlarm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
@@ -532,10 +545,8 @@ impl<R: Recorder> Observer<R> {
             Some(LineOfAlarm::UnderWay) | None => (self.line_of(answers), None),
         };
         RaisedAlarm {
-            line: line.into(),
-            text: shown(text.unwrap_or_default()),
-            name: format!("ALARM:{number}"),
             why: reason_of_alarm(number, session),
+            ..RaisedAlarm::at(number, (line.into(), text.unwrap_or_default()))
         }
     }
 

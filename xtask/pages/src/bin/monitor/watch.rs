@@ -9,7 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use grbl_client::{
     Link,
     link::{self, PollFlags},
@@ -17,7 +17,7 @@ use grbl_client::{
     realtime,
 };
 use rustix::io::Errno;
-use simulation::{playing::RaisedAlarm, pty::Pty, shown};
+use simulation::{playing::RaisedAlarm, pty::Pty};
 
 use crate::{
     path_follower::PathFollower,
@@ -184,23 +184,25 @@ impl Watch {
                         .change(|picture| picture.count_lines(lines, refusal));
                 }
             }
-            Sighting::Alarm(text) => {
-                let alarm = self.alarm(text.trim(), job.as_deref()).to_string();
-                self.shared.change(|picture| picture.alarm(&alarm));
-                if job.is_some() {
-                    bail!("{} is locked: {alarm}", self.link.name);
-                }
-            }
+            Sighting::Alarm(text) => self.show_alarm(text.trim(), job.as_deref())?,
             Sighting::Welcome => {}
             Sighting::Other(text) => self.link.ensure_is_free(text)?,
         }
         Ok(())
     }
 
+    /// Shows an alarm, which ends a job.
+    fn show_alarm(&self, name: &str, job: Option<&Sending>) -> Result<()> {
+        let alarm = self.alarm(name, job).to_string();
+        self.shared.change(|picture| picture.alarm(&alarm));
+        ensure!(job.is_none(), "{} is locked: {alarm}", self.link.name);
+        Ok(())
+    }
+
     /// An alarm with its line, as far as that is known, and what it means.
     fn alarm(&self, name: &str, job: Option<&Sending>) -> RaisedAlarm {
         let number = name.trim_start_matches("ALARM:");
-        let (line, text) = match meaning::line_of_alarm(number) {
+        let place = match meaning::line_of_alarm(number) {
             Some(LineOfAlarm::Unanswered) => job.and_then(Sending::oldest).unwrap_or_default(),
             Some(LineOfAlarm::UnderWay) => {
                 let job = self.shared.lock().now().job;
@@ -209,18 +211,11 @@ impl Watch {
             None => Default::default(),
         };
         let expected = self.expected.as_ref();
-        let is_expected =
-            |expected: &&RaisedAlarm| expected.name == name && (line == 0 || line == expected.line);
-        expected
-            .filter(is_expected)
-            .cloned()
-            .unwrap_or_else(|| RaisedAlarm {
-                line,
-                text: shown(text),
-                name: name.into(),
-                why: meaning::alarm_with_remedy(number, None)
-                    .unwrap_or_else(|| "an unknown alarm".into()),
-            })
+        let is_expected = |expected: &&RaisedAlarm| {
+            expected.name == name && (place.0 == 0 || place.0 == expected.line)
+        };
+        let expected = expected.filter(is_expected).cloned();
+        expected.unwrap_or_else(|| RaisedAlarm::at(number, place))
     }
 
     /// Finds how far the job is when the machine is at a place.

@@ -354,11 +354,11 @@ impl Transmission {
         });
         let zeros = axes.zip(self.status.work_offset().unwrap_or_default());
         let zeros: Vec<_> = zeros.map(|(axis, mm)| format!("{axis} {mm:.3}")).collect();
-        let mut text = format!("it is {}", ranges.collect::<Vec<_>>().join(", "));
-        if !zeros.is_empty() {
-            text += &format!("; the work zero is at {}", zeros.join(" "));
+        let ranges = ranges.collect::<Vec<_>>().join(", ");
+        if zeros.is_empty() {
+            return format!("it is {ranges}");
         }
-        text
+        format!("it is {ranges}; the work zero is at {}", zeros.join(" "))
     }
 
     fn welcome(&mut self) {
