@@ -148,6 +148,12 @@ impl FineSteps {
         Self(self.0.wrapping_add(i64::from(parts) << 12))
     }
 
+    /// Returns the position so many steps behind.
+    #[must_use]
+    pub const fn behind(self, steps: i32) -> Self {
+        Self(self.0.wrapping_sub((steps as i64) << 32))
+    }
+
     /// Returns the nearest whole step, halves upwards.
     #[must_use]
     pub const fn nearest(self) -> Steps {

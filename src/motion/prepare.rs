@@ -12,6 +12,7 @@
 //! of [`Motion`] are in this order in memory: those that each run reads are near its beginning, where one
 //! instruction reaches them; the plan, which is large, comes last.
 
+mod backlash;
 mod cycles;
 mod delays;
 mod entries;
@@ -23,6 +24,7 @@ mod segments;
 use heapless::spsc::Consumer;
 
 use self::{
+    backlash::{Backlash, TakeUpMove},
     delays::Delays,
     job::{Job, RunConditions},
     publish::Published,
@@ -104,6 +106,8 @@ pub struct Motion<const ROOM: usize = BLOCKS> {
     /// `$794`.
     #[cfg(arc_machine)]
     runs_stored_program: bool,
+    backlash: Backlash,
+    take_up: TakeUpMove,
     plan: LookAhead<ROOM>,
 }
 
@@ -112,6 +116,8 @@ pub struct Motion<const ROOM: usize = BLOCKS> {
 enum Activity {
     /// None: the plan is executed.
     Path,
+    /// Backlash is taken up.
+    TakeUp,
     /// A dwell: standstill still to come, ticks.
     Dwell(u64),
     /// A program pause: it ends with cycle start.
@@ -204,6 +210,8 @@ impl<const ROOM: usize> Motion<ROOM> {
             generator: Generator::new(),
             homing: Homing::new(),
             parking: Parking::new(),
+            backlash: Backlash::new(),
+            take_up: TakeUpMove::new(),
             average: MovingAverage::new(),
             hard_limits: false,
             probing_alarm_switches_off: false,
@@ -268,6 +276,8 @@ impl Motion {
         self.accessories.configure(settings);
         self.homing.configure(settings);
         self.parking.configure(settings);
+        self.backlash.configure(settings);
+        self.take_up.configure(settings);
         self.delays.configure(settings);
         self.hard_limits = settings.hard_limits;
         self.probing_alarm_switches_off = settings.probing_alarm_switches_off;
@@ -465,6 +475,10 @@ impl Motion {
             self.finish_activity();
         } else {
             self.finish_entries(self.plan.len());
+            if self.takes_up_backlash() {
+                self.activity = Activity::Path;
+                self.finish_entries(1);
+            }
         }
         self.plan.clear();
         self.executor.abandon();

@@ -4,7 +4,7 @@
 //! whose centre is rounded, or an Archimedean spiral, r = a + cφ. Double precision, once per arc, in
 //! the task without a deadline.
 
-use core::f64::consts::TAU;
+use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use crate::{
     model::{Circle, Rotation},
@@ -21,6 +21,8 @@ const SMALL_OFFSET: f64 = 0.05;
 /// The same for an offset of [`FEW_STEPS`] steps of either axis at most.
 const LARGE_OFFSET: f64 = 2.0;
 const FEW_STEPS: f64 = 1.5;
+/// Least travel of an axis to where it reverses, mm: coordinates are whole nm.
+const LEAST_TRAVEL_MM: f64 = 2.0e-6;
 /// Greatest ratio of the radius, growth included, to its mean up to which an arc counts as a circle: its
 /// limits are exceeded by 1 % at most then.
 const MAX_CIRCLE_RADIUS_RATIO: f64 = 1.01;
@@ -118,6 +120,40 @@ impl Arc {
             (Some(first), Some(last)) => Some(first.max(last)),
             (one, None) | (None, one) => one,
         }
+    }
+
+    /// Returns the angle, counted as `sweep`, at which one of these axes of the plane reverses first, after a distance that is
+    /// more than a rounding of the start, and before one like that to the end.
+    pub(super) fn first_reversal(&self, axes: [bool; 2]) -> Option<f64> {
+        let sense = if self.sweep > 0.0 { 1.0 } else { -1.0 };
+        let mut first = None;
+        for quarter in 0..4_u8 {
+            if !axes[usize::from(quarter % 2)] {
+                continue;
+            }
+            let mut ahead = libm::fmod((FRAC_PI_2 * f64::from(quarter) - self.start) * sense, TAU);
+            if ahead < 0.0 {
+                ahead += TAU;
+            }
+            // On a spiral it lies beside the direction, see `extreme_mm`.
+            let beside = |ahead: f64| {
+                let radius = self.radius[0] + self.growth() * ahead * sense;
+                ahead + sense * libm::atan2(self.growth(), radius)
+            };
+            let is_far = |angle: f64| {
+                angle >= PI || self.tightest_mm() * (1.0 - libm::cos(angle)) >= LEAST_TRAVEL_MM
+            };
+            if ahead < PI && !is_far(beside(ahead).max(0.0)) {
+                ahead += TAU;
+            }
+            let angle = beside(ahead);
+            let left = libm::fabs(self.sweep) - angle;
+            let is_nearer = first.is_none_or(|first| angle < first);
+            if left > 0.0 && is_far(left) && is_nearer {
+                first = Some(angle);
+            }
+        }
+        first.map(|angle| angle * sense)
     }
 
     /// Returns the growth of the radius, mm/rad of signed angle.

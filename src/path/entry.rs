@@ -19,12 +19,25 @@ pub struct Entry {
     pub work: Work,
 }
 
+/// Axes with backlash that are about to move, bit 0 = X: their motors come to the side of it from which they move them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct TakeUp {
+    /// Those that move in the positive direction.
+    pub positive: u8,
+    /// Those that move in the negative direction.
+    pub negative: u8,
+    /// The move is a jog, which a feed hold ends.
+    pub is_jog: bool,
+}
+
 /// The work of an entry.
 #[derive(Debug, Clone, Copy)]
 #[repr(u32)]
 pub enum Work {
     /// A move along a line or an arc.
     Move(Block),
+    /// Motors take up backlash, and no axis moves.
+    TakeUp(TakeUp),
     /// A dwell, ms.
     Dwell(u32),
     /// A probing move. Finished when the machine is at a standstill again.

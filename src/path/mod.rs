@@ -12,10 +12,9 @@ mod travel_limits;
 
 pub(crate) use averaging_window::AveragingWindow;
 pub use blending::{BlendOutput, Blender, CornerArc};
-pub(crate) use block::MIN_SPEED_MM_S;
 pub use block::{Block, Curve, MoveKind, Shape, SpatialArc};
 pub use compensation::{Compensator, Misfit};
-pub use entry::{Entry, Work};
+pub use entry::{Entry, TakeUp, Work};
 pub(crate) use router::Limits;
 pub use router::Router;
 pub use tilted_arc::TiltedArc;

@@ -11,11 +11,13 @@
 
 mod arc;
 mod arc_jerk;
+mod backlash;
 mod corner_arc;
 mod limits;
 #[cfg(arc_machine)]
 mod step_arc;
 
+use self::backlash::LastDirections;
 pub(super) use self::corner_arc::to_axes;
 pub(crate) use self::limits::Limits;
 
@@ -68,6 +70,9 @@ pub struct Router {
     ended_in_exact_stop: bool,
     /// See [`Self::duration_ms`].
     duration_ms: u32,
+    last_directions: LastDirections,
+    /// The remainder of a command of which something has been made: see [`Self::work_before`].
+    remainder: Option<Command>,
     /// An arc could not follow the rule of `$790`.
     #[cfg(arc_machine)]
     is_off_steps: bool,
@@ -105,6 +110,8 @@ impl Router {
             is_exact_stop: false,
             ended_in_exact_stop: false,
             duration_ms: 0,
+            last_directions: LastDirections::new(settings),
+            remainder: None,
             #[cfg(arc_machine)]
             is_off_steps: false,
         }
@@ -136,6 +143,7 @@ impl Router {
         self.settings = *settings;
         self.limits = Limits::new(settings);
         self.laser = Laser::None;
+        self.last_directions = LastDirections::new(settings);
     }
 
     /// Returns the settings in effect.
@@ -150,6 +158,8 @@ impl Router {
         self.at.fine = steps.map(|steps| FineSteps(i64::from(steps) << 32));
         self.at.position = self.settings.position_of(steps);
         self.at.block_end = self.at.position;
+        self.last_directions.forget();
+        self.remainder = None;
         self.at.position
     }
 
@@ -193,6 +203,8 @@ impl Router {
     ///
     /// Targets must not be beyond [`Settings::farthest`].
     pub fn route(&mut self, command: &Command) -> Option<Work> {
+        let remainder = self.take_remainder();
+        let command = remainder.as_ref().unwrap_or(command);
         self.route_to(command, |work| work)
     }
 

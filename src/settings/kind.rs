@@ -173,6 +173,18 @@ pub(super) const fn axis_number(field: Field<Axes<f32>>) -> Kind {
     Kind::AxisNumber(field, ValueRange::from(0.0))
 }
 
+/// Up to 10 mm, or degrees: a drive with more is broken.
+pub(super) const fn axis_backlash(field: Field<Axes<f32>>) -> Kind {
+    let range = ValueRange::from(0.0);
+    Kind::AxisNumber(
+        field,
+        ValueRange {
+            most: 10.0,
+            ..range
+        },
+    )
+}
+
 pub(super) const fn axis_divisor(field: Field<Axes<f32>>) -> Kind {
     Kind::AxisNumber(field, ValueRange::from(SMALLEST))
 }

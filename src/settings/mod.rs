@@ -30,7 +30,7 @@ pub use table::{Row, SettingGroup};
 pub use tool_table::{TOOLS, ToolEntry, ToolTable};
 
 use crate::{
-    axis::{Axes, X, Y},
+    axis::{AXES, Axes, X, Y},
     model::{
         HAS_PHASES, Outputs, core_xy,
         timing::{EVENT_SPACING_TICKS, min_period_ticks},
@@ -196,6 +196,8 @@ settings! {
     acceleration_mm_s2: Axes<f32> = Axes::all(10.0),
     /// `$130`… Travel of each axis, mm.
     max_travel_mm: Axes<f32> = Axes::all(200.0),
+    /// `$160`… Backlash of each axis, mm.
+    backlash_mm: Axes<f32> = Axes::all(0.0),
     /// `$800`… Jerk of each axis, mm/s³; 0 does not limit it.
     jerk_mm_s3: Axes<f32> = Axes::all(0.0),
 }
@@ -227,6 +229,19 @@ impl Settings {
             }
         }
         farthest
+    }
+
+    /// Returns the backlash of an axis, whole steps.
+    #[must_use]
+    pub fn backlash_steps(&self, axis: usize) -> i32 {
+        (self.backlash_mm[axis] * self.steps_per_mm[axis].to_f32() + 0.5) as i32
+    }
+
+    /// Returns the axes that have backlash, bit 0 = X.
+    #[must_use]
+    pub fn backlash_axes(&self) -> u8 {
+        let bit = |axis: usize| u8::from(self.backlash_steps(axis) != 0) << axis;
+        (0..AXES).fold(0, |axes, axis| axes | bit(axis))
     }
 
     /// Returns the position of the axes where step counters stand.

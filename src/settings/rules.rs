@@ -78,9 +78,22 @@ pub(super) fn lengths_are_counted(settings: &Settings, _axis: usize) -> Result<(
     }
 }
 
-/// Refuses belts whose motors would have to turn faster than the step rate allows.
-pub(super) fn belts_turn_at_rate(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
+/// Refuses belts whose motors would have to turn faster than the step rate allows, and those with backlash.
+pub(super) fn belts_turn_at_rate(settings: &Settings, axis: usize) -> Result<(), SettingError> {
+    belts_have_no_backlash(settings, axis)?;
     step_rate_is_possible(settings, Y)
+}
+
+/// Refuses backlash of X and Y where they hang on the same belts: that of a motor is none of an axis.
+pub(super) fn belts_have_no_backlash(
+    settings: &Settings,
+    _axis: usize,
+) -> Result<(), SettingError> {
+    let has_backlash = [X, Y].iter().any(|axis| settings.backlash_mm[*axis] != 0.0);
+    if settings.core_xy && has_backlash {
+        return Err(SettingError::OutOfRange);
+    }
+    Ok(())
 }
 
 /// Gives both motors of `CoreXY` the resolution of X, unless it is that of Y which is new.

@@ -11,8 +11,8 @@ use SettingGroup::{General, Homing, Host, Limits, Parking, Spindle, Tools};
 use super::{
     SettingError, Settings,
     kind::{
-        Kind, axis_divisor, axis_number, byte, byte_from, coordinate, milliseconds, number,
-        pwm_frequency, rate, rpm, seconds,
+        Kind, axis_backlash, axis_divisor, axis_number, byte, byte_from, coordinate, milliseconds,
+        number, pwm_frequency, rate, rpm, seconds,
     },
     rules,
 };
@@ -130,6 +130,7 @@ pub(super) static TABLE: &[Row] = &[
     row(110, SettingGroup::Axes, Grbl, "largest speed", MM_MIN, axis_divisor(|s| &mut s.max_rate_mm_min)).checked(rules::step_rate_is_possible),
     row(120, SettingGroup::Axes, Grbl, "acceleration", "mm/s²", axis_divisor(|s| &mut s.acceleration_mm_s2)),
     row(130, SettingGroup::Axes, Grbl, "travel; with 0 no soft limits, and no homing", MM, axis_number(|s| &mut s.max_travel_mm)).checked(rules::lengths_are_counted),
+    row(160, SettingGroup::Axes, Extension, "backlash, taken up where the axis reverses; 0 for none", MM, axis_backlash(|s| &mut s.backlash_mm)).checked(rules::belts_have_no_backlash),
     row(341, Tools, Extension, "tool change: 0 waits for the operator, 4 ignores M6", "", byte(|s| &mut s.tool_change)).checked(rules::tool_change_is_known),
     row(392, Spindle, Extension, "spindle delay before the machine goes on after the door, or after the spindle was stopped in a hold", "s", seconds(|s| &mut s.door_spindle_delay_s)).checked(rules::delay_is_long_enough),
     row(393, Spindle, Extension, "coolant delay before the machine goes on after the door", "s", seconds(|s| &mut s.door_coolant_delay_s)).checked(rules::delay_is_long_enough),

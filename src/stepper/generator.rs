@@ -157,6 +157,11 @@ impl Generator {
         self.position = position;
     }
 
+    /// Takes steps off the position of an axis that its motor has made without it.
+    pub(crate) fn move_back(&mut self, axis: usize, steps: i32) {
+        self.position[axis] = self.position[axis].behind(steps);
+    }
+
     /// Replaces the position by whole steps, at a standstill.
     pub fn set_steps(&mut self, steps: Axes<i32>) {
         self.set_position(steps.map(|steps| FineSteps(i64::from(steps) << 32)));

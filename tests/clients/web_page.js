@@ -131,11 +131,11 @@ async function alarmed(page) {
   const expected = 'ALARM:5, the probe made no contact: unlock with $X';
   const warnings = await page.evaluate(() => document.getElementById('warnings').textContent);
   check(warnings.includes(`line 2 (G38.2 Z-1 F99): ${expected}`), warnings);
-  const view = page.frames().find((frame) => frame.url().startsWith('blob:'));
   let told;
   await until(async () => {
-    told = await view.evaluate(() => document.getElementById('alarm').textContent);
-    return told.startsWith(`line 2: ${expected}`);
+    const view = page.frames().find((frame) => frame.url().startsWith('blob:'));
+    told = view && await view.evaluate(() => document.getElementById('alarm')?.textContent);
+    return told && told.startsWith(`line 2: ${expected}`);
   }, 'the page of the job tells the alarm', () => told);
   fs.writeFileSync('far.nc', 'G0X-1\nX250\nX-2\n');
   await upload(page, { program: 'far.nc', settings: 'mill.settings' });

@@ -1,6 +1,7 @@
 //! The machine around the motion: switches, homing, probing, power, answers in time.
 #![cfg(not(target_os = "none"))]
 
+mod backlash;
 mod core_xy;
 mod damage;
 mod drivers;

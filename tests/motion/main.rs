@@ -4,6 +4,7 @@
 mod arc_jerk;
 mod arcs;
 mod arithmetic;
+mod backlash;
 mod contours;
 mod core_xy;
 mod experiment_arcs;

@@ -215,7 +215,11 @@ impl Bench {
                 machine.coolant = *coolant;
                 machine.accessory_changes = machine.accessory_changes.wrapping_add(1);
             }
-            Work::Dwell(_) | Work::Drivers(_) | Work::Overrides(_) | Work::Configure(_) => {}
+            Work::Dwell(_)
+            | Work::TakeUp(_)
+            | Work::Drivers(_)
+            | Work::Overrides(_)
+            | Work::Configure(_) => {}
         }
     }
 

@@ -350,7 +350,7 @@ fn what_there_is_is_described_for_programs() {
     assert_eq!(errors[0], "[ERRORCODE:1||a word must begin with a letter]");
     let alarms = bench.ask("$EA");
     assert!(alarms[0].starts_with("[ALARMCODE:1||"));
-    assert_eq!(alarms.len(), 14);
+    assert_eq!(alarms.len(), 15);
     for line in errors.iter().chain(&alarms).chain(&settings) {
         let text = line.as_str();
         assert!(

@@ -6,9 +6,9 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
     ("proof", 28_200),
-    ("src", 36_500),
-    ("tests", 42_600),
-    ("xtask", 22_500),
+    ("src", 37_300),
+    ("tests", 44_200),
+    ("xtask", 23_400),
 ];
 
 /// How far a ceiling may be above what is there, so that it is lowered with the code.

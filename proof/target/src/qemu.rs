@@ -212,7 +212,7 @@ impl Host<'_> {
                 if let Some(number) = line.strip_prefix("ALARM:") {
                     let place = match meaning::line_of_alarm(number) {
                         Some(LineOfAlarm::Unanswered) => self.sender.oldest(),
-                        Some(LineOfAlarm::UnderWay) | None => None,
+                        Some(LineOfAlarm::InExecution) | None => None,
                     };
                     let place = place.unwrap_or((self.sender.answered(), b""));
                     let alarm = RaisedAlarm::at(number, place);

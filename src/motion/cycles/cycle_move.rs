@@ -16,7 +16,7 @@ use crate::{
 
 /// The limits of the axes: jerk has none here.
 #[derive(Debug)]
-pub(super) struct CycleLimits {
+pub(in crate::motion) struct CycleLimits {
     pub(super) steps_per_mm: Axes<f32>,
     speed_mm_s: Axes<f32>,
     pub(super) acceleration_mm_s2: Axes<f32>,
@@ -27,7 +27,7 @@ pub(super) struct CycleLimits {
 }
 
 impl CycleLimits {
-    pub(super) const NONE: Self = Self {
+    pub(in crate::motion) const NONE: Self = Self {
         steps_per_mm: Axes([1.0; AXES]),
         speed_mm_s: Axes([0.0; AXES]),
         acceleration_mm_s2: Axes([0.0; AXES]),
@@ -36,7 +36,7 @@ impl CycleLimits {
     };
 
     /// Takes over the settings.
-    pub(super) fn configure(&mut self, settings: &Settings) {
+    pub(in crate::motion) fn configure(&mut self, settings: &Settings) {
         let axis_steps_per_s = settings.greatest_step_rate_hz();
         self.steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
         self.speed_mm_s = (settings.max_rate_mm_min).zip(self.steps_per_mm, |mm_min, steps| {
@@ -72,13 +72,13 @@ impl CycleLimits {
 
 /// The move in execution, if there is one.
 #[derive(Debug)]
-pub(super) struct CycleMove {
+pub(in crate::motion) struct CycleMove {
     block: Option<Block>,
     executor: Executor,
 }
 
 impl CycleMove {
-    pub(super) const fn new() -> Self {
+    pub(in crate::motion) const fn new() -> Self {
         Self {
             block: None,
             executor: Executor::new(),
@@ -87,7 +87,12 @@ impl CycleMove {
 
     /// Begins a move, at standstill: a displacement of each axis, steps with 32 binary places, at
     /// `axis_mm_s` for each axis at most.
-    pub(super) fn begin(&mut self, delta: Axes<i64>, axis_mm_s: f32, limits: &CycleLimits) {
+    pub(in crate::motion) fn begin(
+        &mut self,
+        delta: Axes<i64>,
+        axis_mm_s: f32,
+        limits: &CycleLimits,
+    ) {
         self.abandon();
         let displacement = delta
             .map(|delta| FineSteps(delta).to_f32())
@@ -124,7 +129,7 @@ impl CycleMove {
     }
 
     /// Makes the next segment, from `position`; returns false when there is none.
-    pub(super) fn next(
+    pub(in crate::motion) fn next(
         &mut self,
         position: &Axes<FineSteps>,
         goal: Goal,
@@ -141,19 +146,24 @@ impl CycleMove {
         true
     }
 
+    /// Has the move, as far as it is left, end so many steps of an axis farther back.
+    pub(in crate::motion) fn move_back(&mut self, axis: usize, steps: i32) {
+        self.executor.start[axis] = self.executor.start[axis].behind(steps);
+    }
+
     /// Ends the move: at standstill, or for axes that go on by themselves.
-    pub(super) fn abandon(&mut self) {
+    pub(in crate::motion) fn abandon(&mut self) {
         self.block = None;
         self.executor.abandon();
     }
 
     /// Whether the move has not come to its end.
-    pub(super) const fn is_active(&self) -> bool {
+    pub(in crate::motion) const fn is_active(&self) -> bool {
         self.block.is_some()
     }
 
     /// Whether the last segment ends in motion.
-    pub(super) fn is_moving(&self) -> bool {
+    pub(in crate::motion) fn is_moving(&self) -> bool {
         self.executor.is_moving()
     }
 

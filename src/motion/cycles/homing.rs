@@ -107,6 +107,8 @@ pub struct Homing {
     later_axes: u8,
     /// The axes that are at home where they stand, bit 0 = X.
     marked_axes: u8,
+    /// The axes that have been pulled off from their switches in this cycle, bit 0 = X.
+    homed_axes: u8,
     /// Position of each switch, steps.
     switches: Axes<i32>,
     /// The axes that are not in the move: each slows down to a standstill by itself. In an approach,
@@ -133,6 +135,7 @@ impl Homing {
             current_axes: 0,
             later_axes: 0,
             marked_axes: 0,
+            homed_axes: 0,
             switches: Axes([0; AXES]),
             stopping_axes: 0,
             stopping_speeds: Axes([0.0; AXES]),
@@ -152,6 +155,7 @@ impl Homing {
     /// Begins a cycle, at rest: these axes together, bit 0 = X; with 0, Z and then X and Y.
     pub fn begin(&mut self, axes: u8, inputs: &Inputs, generator: &Generator) {
         self.alarm = None;
+        self.homed_axes = 0;
         let ganged = self.parameters.of_own_motors(inputs.ganged_axes());
         self.squaring.begin(ganged);
         let by_marks = self.parameters.by_marks & ALL_AXES;
@@ -173,6 +177,11 @@ impl Homing {
             HomingStage::Search
         };
         self.enter(first, inputs, generator);
+    }
+
+    /// Returns the axes that have been pulled off from their switches in the last cycle, bit 0 = X.
+    pub(crate) const fn homed_axes(&self) -> u8 {
+        self.homed_axes
     }
 
     /// Whether a cycle is going on.
@@ -386,6 +395,7 @@ impl Homing {
             }
         }
         generator.set_steps(self.parameters.motor_steps_of(steps));
+        self.homed_axes |= self.current_axes;
         self.current_axes = self.later_axes;
         self.later_axes = 0;
         let next = if self.current_axes == 0 {
@@ -439,6 +449,10 @@ impl Homing {
                     (self.squaring).record_closed(axis, self.switches[axis], inputs);
                     continue;
                 }
+            }
+            let mut towards_switch_mm = towards_switch_mm;
+            if stage.is_pull_off() {
+                towards_switch_mm -= rules.backlash_mm[axis];
             }
             let steps = rules.towards_switch(axis, towards_switch_mm);
             let target = self.switches[axis].saturating_add(steps);

@@ -32,6 +32,8 @@ enum ParkingStage {
     ToWaypoint,
     AtWaypoint,
     Plunge,
+    /// The motor goes to where it was in its backlash, and Z stays.
+    TakeUp,
     /// Coming to rest, to be parked again: the door was opened while Z came back.
     Stop,
 }
@@ -45,6 +47,15 @@ pub(crate) enum Reached {
     /// The waypoint, on the way back.
     Waypoint,
     Work,
+}
+
+/// Where the motor of Z is in its backlash.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Lead {
+    /// All of it, steps.
+    pub(crate) backlash: i32,
+    /// How far the motor is ahead in the positive direction, steps.
+    pub(crate) steps: i32,
 }
 
 /// Parking: Z, its motion and its parameters.
@@ -62,6 +73,8 @@ pub(crate) struct Parking {
     slow_mm_s: f32,
     fast_mm_s: f32,
     work: FineSteps,
+    /// How far the motor was ahead there, steps, once it has begun to move away.
+    lead_at_work: Option<i32>,
     waypoint: FineSteps,
 }
 
@@ -78,6 +91,7 @@ impl Parking {
             slow_mm_s: 0.0,
             fast_mm_s: 0.0,
             work: FineSteps(0),
+            lead_at_work: None,
             waypoint: FineSteps(0),
         }
     }
@@ -107,6 +121,7 @@ impl Parking {
             | ParkingStage::ToTarget
             | ParkingStage::ToWaypoint
             | ParkingStage::Plunge
+            | ParkingStage::TakeUp
             | ParkingStage::Stop => true,
         }
     }
@@ -125,11 +140,38 @@ impl Parking {
         ending != Ending::None || self.stage == ParkingStage::Stop
     }
 
+    /// Returns the move of the motor of Z.
+    pub(in crate::motion) const fn of_motor(&mut self) -> &mut CycleMove {
+        &mut self.cycle_move
+    }
+
+    /// Whether the next segment begins a move.
+    pub(crate) fn begins_move(&self, ending: Ending) -> bool {
+        !self.stops(ending) && self.requested.is_some()
+    }
+
+    /// Returns how far the motor of Z moves without it before Z moves, steps.
+    fn take_up(&mut self, lead: Lead) -> i32 {
+        let at_work = *self.lead_at_work.get_or_insert(lead.steps);
+        let ahead = match self.stage {
+            ParkingStage::ToWaypoint | ParkingStage::Plunge => 0,
+            ParkingStage::TakeUp => at_work,
+            ParkingStage::AtWork
+            | ParkingStage::PullOut
+            | ParkingStage::ToTarget
+            | ParkingStage::Parked
+            | ParkingStage::AtWaypoint
+            | ParkingStage::Stop => lead.backlash,
+        };
+        ahead.wrapping_sub(lead.steps)
+    }
+
     /// Makes the next segment, from `position`; returns false when there is none.
     pub(crate) fn next(
         &mut self,
         position: &Axes<FineSteps>,
         ending: Ending,
+        lead: Lead,
         segment: &mut Segment,
     ) -> bool {
         let goal = if self.stops(ending) {
@@ -142,7 +184,8 @@ impl Parking {
         {
             // A run that begins a move makes none of its segments.
             let mut delta = Axes([0; AXES]);
-            delta[Z] = to.0.wrapping_sub(position[Z].0);
+            let take_up = i64::from(self.take_up(lead)) << 32;
+            delta[Z] = to.0.wrapping_sub(position[Z].0).wrapping_add(take_up);
             self.cycle_move.begin(delta, mm_s, &self.limits);
             *segment = Segment::standstill(SEGMENT_TICKS, position);
             return true;
@@ -164,11 +207,14 @@ impl Parking {
                     return false;
                 }
                 self.work = z;
+                self.lead_at_work = None;
                 let waypoint = z.0.wrapping_add(self.pull_out);
                 self.waypoint = FineSteps(waypoint.min(self.target.0));
                 self.pull_out_from(z);
             }
-            ParkingStage::ToWaypoint | ParkingStage::Plunge => self.stage = ParkingStage::Stop,
+            ParkingStage::ToWaypoint | ParkingStage::Plunge | ParkingStage::TakeUp => {
+                self.stage = ParkingStage::Stop;
+            }
             ParkingStage::AtWaypoint => self.pull_out_from(z),
             ParkingStage::PullOut
             | ParkingStage::ToTarget
@@ -215,7 +261,12 @@ impl Parking {
                 self.stage = ParkingStage::AtWaypoint;
                 Some(Reached::Waypoint)
             }
-            ParkingStage::Plunge => {
+            ParkingStage::Plunge if self.lead_at_work.is_some_and(|steps| steps != 0) => {
+                self.stage = ParkingStage::TakeUp;
+                self.requested = Some((self.work, self.slow_mm_s));
+                None
+            }
+            ParkingStage::Plunge | ParkingStage::TakeUp => {
                 self.abandon();
                 Some(Reached::Work)
             }

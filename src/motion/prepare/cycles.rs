@@ -17,7 +17,7 @@ impl Motion {
     /// Whether an entry is in execution that moves have to wait for.
     pub(super) const fn is_occupied(&self) -> bool {
         match self.activity {
-            Activity::Dwell(_) | Activity::Homing | Activity::Probing(_) => true,
+            Activity::TakeUp | Activity::Dwell(_) | Activity::Homing | Activity::Probing(_) => true,
             Activity::Path | Activity::Pause | Activity::ToolPause => false,
         }
     }
@@ -42,14 +42,19 @@ impl Motion {
     /// Makes the next segment of homing: a laser is dark, as nothing is to be burnt.
     #[inline(never)]
     pub(super) fn homing_segment(&mut self, inputs: &Inputs) -> bool {
-        let power = if self.accessories.is_laser() {
-            Power::OFF
-        } else {
-            self.accessories.power_at_rest()
-        };
+        let power = self.dark_power();
         let segment = &mut self.segment;
         self.homing
             .next(inputs, &mut self.generator, power, segment)
+    }
+
+    /// Returns the power at rest, but none of a laser.
+    pub(super) fn dark_power(&self) -> Power {
+        if self.accessories.is_laser() {
+            Power::OFF
+        } else {
+            self.accessories.power_at_rest()
+        }
     }
 
     /// Ends a homing cycle before its time: the axes slow down.
@@ -80,7 +85,11 @@ impl Motion {
         match &self.activity {
             Activity::Probing(cycle) => cycle.has_latched(inputs),
             Activity::Homing => self.homing.latched_switch(inputs).is_some(),
-            Activity::Path | Activity::Dwell(_) | Activity::Pause | Activity::ToolPause => false,
+            Activity::Path
+            | Activity::TakeUp
+            | Activity::Dwell(_)
+            | Activity::Pause
+            | Activity::ToolPause => false,
         }
     }
 
@@ -100,6 +109,7 @@ impl Motion {
             (
                 None,
                 Activity::Path
+                | Activity::TakeUp
                 | Activity::Dwell(_)
                 | Activity::Pause
                 | Activity::ToolPause
@@ -122,6 +132,7 @@ impl Motion {
             (
                 None,
                 Activity::Path
+                | Activity::TakeUp
                 | Activity::Dwell(_)
                 | Activity::Pause
                 | Activity::ToolPause
@@ -135,6 +146,7 @@ impl Motion {
     pub(super) fn end_cycles(&mut self, inputs: &Inputs) {
         if matches!(self.activity, Activity::Homing) && !self.homing.is_active() {
             self.finish_activity();
+            self.backlash.home(self.homing.homed_axes());
             if self.control.state == State::Home {
                 match self.homing.take_alarm() {
                     Some(alarm) => self.alarm(alarm),
@@ -220,9 +232,15 @@ impl Motion {
     /// Makes the next segment of parking.
     #[inline(never)]
     pub(super) fn parking_segment(&mut self) -> bool {
-        let position = self.generator.position();
         let ending = self.control.ending;
-        if !self.parking.next(position, ending, &mut self.segment) {
+        if self.parking.begins_move(ending) {
+            self.backlash.begin(&self.generator);
+        }
+        let of_motor = self.parking.of_motor();
+        self.backlash.follow(&mut self.generator, of_motor);
+        let position = self.generator.position();
+        let lead = self.backlash.of_z();
+        if !(self.parking).next(position, ending, lead, &mut self.segment) {
             return false;
         }
         self.segment.power = self.accessories.power_at_rest();

@@ -264,7 +264,7 @@ impl Motion {
 
     /// Begins the delay after which the drivers are disabled, at rest.
     pub(super) fn start_idle_delay(&mut self) {
-        let moves = !self.plan.is_empty() && self.control.executes();
+        let moves = self.has_path() && self.control.executes();
         let stays = self.delays.idle_ms == IDLE_DELAY_INFINITE && !self.delays.disables_drivers;
         if self.delays.running != Delay::None || !self.published.outputs.drivers || moves || stays {
             return;

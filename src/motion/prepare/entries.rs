@@ -31,6 +31,7 @@ impl Motion {
         match entry.work {
             Work::Move(_) | Work::Fault(_) => true,
             Work::Speed(_) => !is_ending && !self.is_occupied(),
+            Work::TakeUp(_) => !is_ending && self.plan.is_empty() && !self.is_occupied(),
             Work::Dwell(_)
             | Work::Probe(..)
             | Work::Spindle(..)
@@ -84,6 +85,8 @@ impl Motion {
         } else if let Work::Speed(rpm) = entry.work {
             self.accessories.queue_speed(rpm);
             self.finish_entries(1);
+        } else if let Work::TakeUp(take_up) = entry.work {
+            self.begin_take_up(take_up);
         } else {
             // What the moves before have not brought with them comes before this.
             self.accessories.apply_speed();
@@ -104,7 +107,7 @@ impl Motion {
             }
             Work::Probe(block, probing) if self.begin_probe(block, *probing, inputs) => return,
             Work::Home(axes) if self.begin_homing(*axes, inputs) => return,
-            Work::Move(_) | Work::Speed(_) | Work::Probe(..) | Work::Home(_) => {}
+            Work::Move(_) | Work::TakeUp(_) | Work::Speed(_) | Work::Probe(..) | Work::Home(_) => {}
             Work::Dwell(milliseconds) => {
                 let ticks = u64::from(*milliseconds) * u64::from(TICKS_PER_MS);
                 self.activity = Activity::Dwell(ticks);

@@ -27,20 +27,23 @@ impl Motion {
         let is_cancel = requests.take_jog_cancel() && self.control.state == State::Jog;
         let (is_hold, is_start) = (requests.take_hold(), requests.take_start());
         let is_door = requests.take_door();
-        if is_cancel {
-            self.transition(Event::JogCancel);
-        }
-        if is_hold {
-            self.transition(Event::FeedHold);
-        }
         let is_contact = requests.take_contact() && self.is_stopped_by_contact();
-        if is_contact {
-            self.alarm(Alarm::UnexpectedContact);
-        } else if is_door {
-            self.open_door();
-        }
-        // Of requests at the same time the one that stops counts, as in Grbl: it is the safe one.
-        if is_start && !is_hold && !is_door && !is_cancel && !is_contact {
+        if is_cancel || is_hold || is_contact || is_door {
+            if is_cancel || is_hold {
+                // A hold of a jog is its end.
+                self.transition(if is_cancel {
+                    Event::JogCancel
+                } else {
+                    Event::FeedHold
+                });
+            }
+            if is_contact {
+                self.alarm(Alarm::UnexpectedContact);
+            } else if is_door {
+                self.open_door();
+            }
+        } else if is_start {
+            // Of requests at the same time the one that stops counts, as in Grbl: it is the safe one.
             if self.control.state == State::Tool {
                 self.published.tool_marks.end = requests.start_mark();
             }
@@ -215,7 +218,8 @@ impl Motion {
                     *cancelled = cancelled.wrapping_add(1);
                 }
             }
-            Effect::DropPlan => self.drop_plan(),
+            // Of a standstill alone, which drops it: here it would count for each event.
+            Effect::DropPlan => {}
             Effect::Abort => {
                 self.faults.reset_in_motion = true;
                 self.delays.disables_drivers = true;
@@ -225,8 +229,11 @@ impl Motion {
 
     /// Resumes what waited for cycle start.
     fn resume(&mut self) {
-        if self.accessories.end_stop(!self.plan.is_empty()) {
+        if self.accessories.end_stop(self.has_path()) {
             self.published.notices.push(Notice::RestoringSpindle);
+        }
+        if self.takes_up_backlash() {
+            self.go_on_taking_up();
         }
         if matches!(self.activity, Activity::Pause | Activity::ToolPause) {
             self.finish_activity();
@@ -285,7 +292,7 @@ impl Motion {
     pub(super) fn cancel_pause(&mut self) {
         match self.activity {
             Activity::Pause | Activity::ToolPause | Activity::Dwell(_) => self.finish_activity(),
-            Activity::Path | Activity::Homing | Activity::Probing(_) => {}
+            Activity::Path | Activity::TakeUp | Activity::Homing | Activity::Probing(_) => {}
         }
         self.stop_restoring();
     }

@@ -15,6 +15,7 @@ enum SegmentSource {
     Parking,
     /// A dwell, with what is left of it, ticks.
     Dwell(u64),
+    TakeUp,
     Plan,
 }
 
@@ -77,6 +78,8 @@ impl Motion {
             && self.executes()
         {
             SegmentSource::Dwell(ticks)
+        } else if self.takes_up_backlash() {
+            SegmentSource::TakeUp
         } else {
             SegmentSource::Plan
         }
@@ -88,6 +91,7 @@ impl Motion {
         match self.source() {
             SegmentSource::Homing | SegmentSource::Dwell(_) => true,
             SegmentSource::Parking => self.parking.has_segment(self.control.ending),
+            SegmentSource::TakeUp => self.has_take_up_segment(),
             SegmentSource::Plan => {
                 !self.plan.is_empty() && (self.executes() || self.executor.is_moving())
             }
@@ -100,10 +104,17 @@ impl Motion {
         self.source() == SegmentSource::Plan && !self.plan.is_empty()
     }
 
-    fn executes(&self) -> bool {
+    /// Whether something is to be executed of the path.
+    #[inline]
+    pub(super) const fn has_path(&self) -> bool {
+        !self.plan.is_empty() || self.takes_up_backlash()
+    }
+
+    pub(super) fn executes(&self) -> bool {
         let is_touched = match &self.activity {
             Activity::Probing(cycle) => cycle.is_stopping(),
             Activity::Path
+            | Activity::TakeUp
             | Activity::Dwell(_)
             | Activity::Pause
             | Activity::ToolPause
@@ -126,6 +137,7 @@ impl Motion {
             SegmentSource::Homing => self.homing_segment(inputs),
             SegmentSource::Parking => self.parking_segment(),
             SegmentSource::Dwell(ticks) => self.dwell_segment(ticks),
+            SegmentSource::TakeUp => self.take_up_segment(),
             SegmentSource::Plan => self.plan_segment(),
         }
     }
@@ -177,6 +189,9 @@ impl Motion {
         }
         let before = self.control.ending;
         self.transition(Event::Stopped);
+        if before != Ending::None {
+            self.drop_plan();
+        }
         if before == Ending::DropThenDoor {
             // The door was opened in a jog, which has just been dropped: Z is not parked.
             self.control = self.control.after(Event::Stopped).0;
@@ -195,7 +210,7 @@ impl Motion {
         }
         self.finish_stop();
         self.end_cycles(inputs);
-        if self.plan.is_empty() {
+        if !self.has_path() {
             self.transition(Event::CycleStop);
         }
     }
@@ -215,7 +230,7 @@ impl Motion {
         if self.control.state == State::HoldComplete {
             self.accessories.stop_in_hold();
         }
-        if self.plan.is_empty() && !self.control.state.is_suspended() {
+        if !self.has_path() && !self.control.state.is_suspended() {
             self.accessories.apply_speed();
         }
         if self.delays.restoring != Restoring::None {

@@ -61,7 +61,7 @@ impl Corner {
         );
         let wanted_sqr = speed_mm_s * speed_mm_s;
         let exact_sqr = limits.junction_sqr(&from, &to);
-        if wanted_sqr < MIN_GAIN * exact_sqr {
+        if wanted_sqr < MIN_GAIN * exact_sqr || limits.reverses_backlash(&from, &to) {
             return None;
         }
         let angle = Deflection::between(&before.direction, &after.direction)?;

@@ -33,6 +33,8 @@ pub(crate) struct Limits {
     pub(super) steps_per_s: f32,
     /// The limits in the places of X and Y are those of the motors of `CoreXY`.
     pub(super) is_core_xy: bool,
+    /// Linear axes that have backlash, bit 0 = X.
+    backlash_axes: u8,
 }
 
 impl Limits {
@@ -56,6 +58,7 @@ impl Limits {
             junction_deviation_mm: settings.junction_deviation_mm,
             steps_per_s: settings.step_rate.hz() as f32,
             is_core_xy: settings.core_xy,
+            backlash_axes: settings.backlash_axes(),
         }
     }
 
@@ -134,6 +137,12 @@ impl Limits {
     pub(crate) fn line_mm_s(&self, feed_rate: FeedRate, direction: &Axes<f32>) -> f32 {
         let limit_mm_s = Self::along(&self.speed_mm_s, &self.motors_of(*direction));
         math::min(programmed_mm_s(feed_rate, 0.0, limit_mm_s), limit_mm_s)
+    }
+
+    /// Returns whether an axis with backlash reverses between two directions: the machine stops there.
+    pub(crate) fn reverses_backlash(&self, before: &Axes<f32>, after: &Axes<f32>) -> bool {
+        let reverses = |axis: usize| before[axis] * after[axis] < 0.0;
+        (0..LINEAR).any(|axis| self.backlash_axes >> axis & 1 != 0 && reverses(axis))
     }
 
     /// Returns the radius that is `steps` of the finest linear axis, mm.

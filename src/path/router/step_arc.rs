@@ -64,7 +64,12 @@ impl Router {
         let (first, second, _) = circle.plane.axes();
         let axes = [first, second];
         let [resolution, other] = axes.map(|axis| self.settings.steps_per_mm[axis]);
-        if resolution != other || circle.tilt != MicroDegrees::ZERO || self.limits.is_core_xy {
+        let has_backlash = axes.iter().any(|axis| self.last_directions.has(*axis));
+        if has_backlash
+            || resolution != other
+            || circle.tilt != MicroDegrees::ZERO
+            || self.limits.is_core_xy
+        {
             return None;
         }
         let [mut start, mut end] = [[0; 2]; 2];

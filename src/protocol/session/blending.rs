@@ -43,6 +43,7 @@ impl Session {
         // What has left the travel can be shown up to the reset, which drops it.
         if is_dropped && self.stage != LineStage::Faulted {
             self.blender.clear();
+            self.router.take_remainder();
             self.cancel_compensation();
         }
     }
@@ -95,6 +96,13 @@ impl Session {
                 return false;
             }
             self.router.set_exact_stop(false);
+            while let Some(work) = self.router.work_before_blended(output) {
+                let end_ms = self.router.duration_ms();
+                self.machine_sync.send(work, end_ms, entries);
+                if !entries.ready() {
+                    return false;
+                }
+            }
             if let Some(work) = self.router.route_blended(output) {
                 if let Work::Move(block) = &work {
                     let speed = block.limit_mm_s.min(block.programmed_mm_s);

@@ -14,7 +14,7 @@ use super::{
 use crate::{
     machine::Snapshot,
     model::{Alarm, Command, FeedRate, Laser, Levels, PathControl, Probing, Spindle},
-    path::{Entry, Router, Work},
+    path::{Entry, Router, TiltedArc, Work},
     protocol::report::{self, Feedback},
 };
 
@@ -58,13 +58,19 @@ impl Session {
                 return false;
             }
             let drills = self.line.drilling == Some(*next);
-            if drills && !self.take_drilling_command(*next) {
-                *next += 1;
-                continue;
+            // Of one that has begun, the remainder follows.
+            if !self.router.is_within_command() {
+                if drills && !self.take_drilling_command(*next) {
+                    *next += 1;
+                    continue;
+                }
+                self.take_chord(*next);
             }
-            let has_more = drills || self.take_chord(*next);
+            if !is_blended && !self.send_before(*next, links) {
+                return false;
+            }
             self.send_command(*next, is_blended, links);
-            *next += usize::from(!has_more);
+            *next += usize::from(!drills && !self.has_chord(*next));
         }
         if self.line.after_commands.is_some() {
             self.router.flush(&mut self.blender);
@@ -114,20 +120,53 @@ impl Session {
             .lasts_longer_than(braking_ms as u32, machine)
     }
 
-    /// Replaces a tilted arc by its next chord. Returns whether another one follows.
-    fn take_chord(&mut self, number: usize) -> bool {
-        let Some(arc) = &mut self.line.tilted else {
-            return false;
-        };
-        match self.line.outcome.commands.get_mut(number) {
-            Some(command @ (Command::Arc { .. } | Command::Line { .. })) => {
-                if let Some(chord) = arc.next_chord() {
-                    *command = chord;
-                }
-                arc.has_more()
-            }
-            Some(_) | None => false,
+    /// Replaces a tilted arc by its next chord.
+    fn take_chord(&mut self, number: usize) {
+        if let Some(arc) = &mut self.line.tilted
+            && let Some(command @ (Command::Arc { .. } | Command::Line { .. })) =
+                self.line.outcome.commands.get_mut(number)
+            && let Some(chord) = arc.next_chord()
+        {
+            *command = chord;
         }
+    }
+
+    /// Returns whether another chord follows in the place of a command.
+    fn has_chord(&self, number: usize) -> bool {
+        self.line.tilted.as_ref().is_some_and(TiltedArc::has_more)
+            && matches!(
+                self.line.outcome.commands.get(number),
+                Some(Command::Arc { .. } | Command::Line { .. })
+            )
+    }
+
+    /// Sends what comes before a command of the line on a machine with backlash. Returns false when there is no room
+    /// for it or for the command.
+    fn send_before(&mut self, number: usize, links: &mut Links<'_, '_>) -> bool {
+        let is_known = self.line.outcome.commands.get(number).copied();
+        let Some(command) = is_known.filter(|_| self.router.has_backlash()) else {
+            return true;
+        };
+        self.machine_sync.is_jogging |= self.line.source == Source::Jog;
+        self.send_take_up(&command, self.path_control(), links.entries)
+    }
+
+    /// The same for any command.
+    fn send_take_up(
+        &mut self,
+        command: &Command,
+        control: PathControl,
+        entries: &mut Producer<'_, Entry>,
+    ) -> bool {
+        (self.router).set_exact_stop(control == PathControl::ExactStop);
+        while let Some(work) = self.router.work_before(command) {
+            let end_ms = self.router.duration_ms();
+            self.machine_sync.send(work, end_ms, entries);
+            if !entries.ready() {
+                return false;
+            }
+        }
+        true
     }
 
     /// Replaces a command by the next one of a line that drills. Returns false after the last.
@@ -185,8 +224,9 @@ impl Session {
             self.router.blend(&mut self.blender, control, command);
             return true;
         }
-        self.router
-            .set_exact_stop(control == PathControl::ExactStop);
+        if !self.send_take_up(command, control, links.entries) {
+            return false;
+        }
         if !enqueue(
             &mut self.router,
             command,
@@ -338,6 +378,8 @@ fn enqueue(
             })
             .is_ok()
     };
+    let remainder = router.take_remainder();
+    let command = remainder.as_ref().unwrap_or(command);
     let is_sent = router.route_to(command, enqueue).unwrap_or(false);
     match command {
         _ if !is_sent => {}

@@ -60,8 +60,8 @@ const LARGE: Layout = Layout {
 /// Of 4 KiB, on pages of 32 bytes.
 const SMALL: Layout = Layout {
     generations: (0, 64),
-    settings: (64, 480),
-    origins: (544, 512),
+    settings: (64, 512),
+    origins: (576, 480),
     lines: [(1056, 160), (1216, 160), (1376, 160)],
     first_tool: (1536, 32),
     tools: 16,

@@ -123,7 +123,7 @@ pub enum LineOfAlarm {
     /// The first one without an answer, which comes after the alarm. More lines may have been sent.
     Unanswered,
     /// One that has been answered, and perhaps not been carried out, or the next one.
-    UnderWay,
+    InExecution,
 }
 
 /// Returns at which line an alarm rises; `None` for one that no line raises, and for an unknown number.
@@ -142,7 +142,7 @@ pub fn line_of_alarm(number: &str) -> Option<LineOfAlarm> {
         | Alarm::ResetInMotion
         | Alarm::UnexpectedContact
         | Alarm::Restarted
-        | Alarm::Killed => LineOfAlarm::UnderWay,
+        | Alarm::Killed => LineOfAlarm::InExecution,
         Alarm::SelfTest => return None,
     })
 }
@@ -179,7 +179,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_meaning_stands_behind_a_comma() {
+    fn a_meaning_follows_a_comma() {
         assert_eq!(after_comma(Some("why")), ", why");
         assert_eq!(after_comma(None), "");
     }
@@ -221,7 +221,7 @@ mod tests {
         assert_eq!(at(&commands), [Some(LineOfAlarm::Unanswered); 8]);
         assert_eq!(
             at(&["1", "3", "200", "201"]),
-            [Some(LineOfAlarm::UnderWay); 4]
+            [Some(LineOfAlarm::InExecution); 4]
         );
         assert_eq!(at(&["16", "99", "Hard limit"]), [None; 3]);
     }

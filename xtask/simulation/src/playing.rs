@@ -541,8 +541,8 @@ impl<R: Recorder> Observer<R> {
                 let sent = self.lines.iter().flatten().next();
                 (self.line_of(answers + 1), sent.map(|sent| &sent.text[..]))
             }
-            Some(LineOfAlarm::UnderWay) if self.moving_line > 0 => (self.moving_line, None),
-            Some(LineOfAlarm::UnderWay) | None => (self.line_of(answers), None),
+            Some(LineOfAlarm::InExecution) if self.moving_line > 0 => (self.moving_line, None),
+            Some(LineOfAlarm::InExecution) | None => (self.line_of(answers), None),
         };
         RaisedAlarm {
             why: reason_of_alarm(number, session),

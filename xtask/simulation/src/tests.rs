@@ -448,7 +448,7 @@ fn a_compensated_move_that_leaves_the_travel_is_named_as_one_of_a_line_before() 
 }
 
 #[test]
-fn a_limit_switch_that_closes_is_named_with_the_line_under_way() {
+fn a_limit_switch_that_closes_is_named_with_the_line_in_execution() {
     let alarm = alarm_of(true, "$H\nG1 X-9 F3000\nX-20\nX250\nX-9\nX-8\n");
     assert_eq!((alarm.line, alarm.name.as_str()), (4, "ALARM:1"), "{alarm}");
     let alarm = alarm_of(true, "G1 X-9 F3000\nX-1000\nX-9\nX-8\n");

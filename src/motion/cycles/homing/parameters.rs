@@ -5,7 +5,6 @@ use crate::{
     math,
     model::core_xy,
     motion::{cycles::cycle_move::CycleLimits, limits::TICKS_PER_S},
-    path::MIN_SPEED_MM_S,
     settings::Settings,
     stepper::{AxisMotion, Segment},
     units::{FineSteps, TICKS_PER_MS},
@@ -29,6 +28,8 @@ pub(super) struct HomingParameters {
     /// Coordinate of each axis once it is homed, mm.
     home_mm: Axes<f32>,
     pub(super) pull_off_mm: f32,
+    /// What the motor turns before the axis follows it off the switch: whole steps.
+    pub(super) backlash_mm: Axes<f32>,
     pub(super) debounce_ticks: u32,
 }
 
@@ -42,21 +43,23 @@ impl HomingParameters {
         travel_mm: Axes([0.0; AXES]),
         home_mm: Axes([0.0; AXES]),
         pull_off_mm: 0.0,
+        backlash_mm: Axes([0.0; AXES]),
         debounce_ticks: 0,
     };
 
     /// Takes over the settings.
     pub(super) fn configure(&mut self, settings: &Settings) {
-        // `$24` and `$25` may be 0.
-        let speed_mm_s = |mm_min: f32| math::max(mm_min / 60.0, MIN_SPEED_MM_S);
         self.limits.configure(settings);
         self.negative = settings.homing_direction;
         self.by_marks = settings.homing_marks;
-        self.search_mm_s = speed_mm_s(settings.homing_seek_mm_min);
-        self.locate_mm_s = speed_mm_s(settings.homing_feed_mm_min);
+        self.search_mm_s = settings.homing_seek_mm_min / 60.0;
+        self.locate_mm_s = settings.homing_feed_mm_min / 60.0;
         self.travel_mm = settings.max_travel_mm;
         self.home_mm = Axes::from_fn(|axis| settings.home_mm(axis));
         self.pull_off_mm = settings.homing_pull_off_mm;
+        self.backlash_mm = Axes::from_fn(|axis| {
+            settings.backlash_steps(axis) as f32 / self.limits.steps_per_mm[axis]
+        });
         self.debounce_ticks = u32::from(settings.homing_debounce_ms) * TICKS_PER_MS;
     }
 

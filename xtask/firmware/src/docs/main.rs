@@ -163,6 +163,7 @@ fn settings_table() -> Result<String> {
     text.push_str(&step_rates());
     text.push_str(SPINDLE);
     text.push_str(JERK);
+    text.push_str(BACKLASH);
     text.push_str(CORE_XY);
     Ok(text)
 }
@@ -205,6 +206,27 @@ const JERK: &str = "\n## Limits of jerk\n\n\
     acceleration of a, 16 000 mm/s³ at 500 mm/s² and 0.5 mm. Where an arc begins or ends, the acceleration changes\n\
     at once, by a at most, by 2a between two arcs. `cargo xtask sim FILE --quality` has both figures of a\n\
     program. With `$11=0`, arcs are so slow that they keep `$800`, and every corner is a stop.\n";
+
+/// What backlash is, and what its settings do.
+const BACKLASH: &str = "\n## Backlash\n\n\
+    A screw turns a little before its nut follows when it turns back: the axis stands meanwhile, and circles get flats. `$160`\n\
+    to `$165` are how far, of X, Y, Z, A, B and C, in mm or degrees, up to 10, as grblHAL has them; 0, as it comes, does nothing.\n\
+    Before an axis moves in the other direction, the machine stops, its motor makes these steps as fast as `$110` and `$120` let\n\
+    it, and then the move goes on. No axis moves meanwhile, and a laser is dark, under `M3` too. Positions are those of the axes:\n\
+    status reports, `[PRB:`, soft limits and work coordinates have no such step in them.\n\n\
+    **Measure it.** Leave it at 0 and put a dial gauge against the table, along the axis. Jog it towards the gauge by 1 mm, and\n\
+    set the dial to zero. Jog 1 mm farther, then 1 mm back: what the dial is short of zero is the backlash. Do it at both ends and in the\n\
+    middle of the travel, and set the smallest of these: `$160=0.08`. Measure again: with the setting the dial comes back to zero.\n\
+    More than there is makes the axis jump at each reversal.\n\n\
+    **What it does.** Lines, arcs, helices, cycles, jogs and probing moves are exact to a step. An arc stops where such an axis\n\
+    reverses, at its quadrants; under `G64`, corners at which one reverses are not rounded. Homing takes the switch's\n\
+    place with the backlash taken up, and ends `$27` from it. A feed hold, a jog that is cancelled, and a reset may come in\n\
+    between; parking brings Z back to where it was.\n\n\
+    **What it does not do.** It moves a table that stands by friction; a cutter that pulls at the table, as in a\n\
+    climb cut, pulls it through the play all the same. It takes time at each reversal, and 3 ms beside that. The machine cannot know\n\
+    the direction in which an axis moved last before it was switched on: it counts as moved as by the pull-off of homing (`$23`), as in\n\
+    grblHAL. Home first, or move each axis once as far as its backlash in that direction. Limits of jerk do not count in these moves. The\n\
+    belts of CoreXY have none: with `$795=1`, `$160` and `$161` are `error:52`. An arc that needs it does not follow `$790`.\n";
 
 /// What `CoreXY` is, and what its settings count for.
 const CORE_XY: &str = "\n## CoreXY\n\n\

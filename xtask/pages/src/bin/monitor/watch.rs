@@ -204,7 +204,7 @@ impl Watch {
         let number = name.trim_start_matches("ALARM:");
         let place = match meaning::line_of_alarm(number) {
             Some(LineOfAlarm::Unanswered) => job.and_then(Sending::oldest).unwrap_or_default(),
-            Some(LineOfAlarm::UnderWay) => {
+            Some(LineOfAlarm::InExecution) => {
                 let job = self.shared.lock().now().job;
                 (job.map_or(0, |job| job.line), &b""[..])
             }

@@ -97,7 +97,7 @@ impl Forecast {
             let undone = recorder.forecast.first_undone(*answered as usize) as u64;
             let line = answered + 1;
             let place = match meaning::line_of_alarm(number) {
-                Some(LineOfAlarm::UnderWay) if undone < *answered => {
+                Some(LineOfAlarm::InExecution) if undone < *answered => {
                     format!("one of the lines {} to {line}", undone + 1)
                 }
                 _ => format!("line {line} ({})", shown(recorder.sent(line))),

@@ -333,14 +333,14 @@ impl Transmission {
             return String::new();
         };
         match meaning::line_of_alarm(number) {
-            Some(LineOfAlarm::UnderWay) if undone < index.min(last) => {
+            Some(LineOfAlarm::InExecution) if undone < index.min(last) => {
                 let (first, last) = (self.place(undone), self.place(index.min(last)));
                 format!("{first} to {last}: ")
             }
             Some(_) if index <= last => {
                 format!("{} ({}): ", self.place(index), shown(&self.lines[index]))
             }
-            Some(LineOfAlarm::UnderWay) => format!("{}: ", self.place(last)),
+            Some(LineOfAlarm::InExecution) => format!("{}: ", self.place(last)),
             Some(LineOfAlarm::Unanswered) | None => String::new(),
         }
     }
