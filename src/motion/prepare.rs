@@ -103,6 +103,8 @@ pub struct Motion<const ROOM: usize = BLOCKS> {
     stops_at_contact: bool,
     /// A probing move has ended with a contact of the probe: it works.
     has_probed: bool,
+    /// Number of entries finished before the block that has left a standstill on the contact of the probe.
+    left_contact_in: Option<u32>,
     /// `$794`.
     #[cfg(arc_machine)]
     runs_stored_program: bool,
@@ -217,6 +219,7 @@ impl<const ROOM: usize> Motion<ROOM> {
             probing_alarm_switches_off: false,
             stops_at_contact: false,
             has_probed: false,
+            left_contact_in: None,
             #[cfg(arc_machine)]
             runs_stored_program: false,
             plan: LookAhead::with_room(),
@@ -394,7 +397,11 @@ impl Motion {
         let mut is_settled = false;
         match job {
             Job::None => {}
-            Job::FirstSegment => self.queue.is_first_next = self.is_ready_for_motion(),
+            Job::FirstSegment => {
+                self.queue.is_first_next = self.is_ready_for_motion();
+                let is_on_contact = self.inputs.has(Levels::PROBE);
+                self.left_contact_in = is_on_contact.then_some(self.published.finished);
+            }
             Job::Underrun => self.handle_underrun(segments),
             Job::Halted => self.handle_halted(segments, events),
             Job::Reset => self.handle_reset(requests, segments),

@@ -129,8 +129,8 @@ impl Router {
         self.duration_ms
     }
 
-    /// Returns the longest time that an axis takes to brake from its greatest speed, s. What lasts so long at nominal
-    /// speeds is longer than any braking distance, also under a feed override of 200 %.
+    /// Returns the longest time that an axis takes to brake from its greatest speed, s. Lines that last so long at nominal
+    /// speeds are longer than any braking distance, also under a feed override of 200 %; arcs may brake more slowly.
     #[must_use]
     pub fn longest_braking_s(&self) -> f32 {
         let limits = &self.limits;

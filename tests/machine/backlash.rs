@@ -192,8 +192,13 @@ fn a_reset_in_the_slack_loses_no_step() {
 
 #[test]
 fn homing_ends_a_pull_off_from_the_switch_and_knows_the_direction() {
-    for mask in 0..8_u8 {
-        let mut loose = Loose::new(&["22=1", &format!("23={mask}"), "25=2000", "24=100"]);
+    // Also a pull-off that is much shorter than the play.
+    for (mask, pull_off) in (0..8_u8).flat_map(|mask| [(mask, STEPS), (mask, 3)]) {
+        let settings = [
+            format!("23={mask}"),
+            format!("27={}", f64::from(pull_off) / f64::from(STEPS)),
+        ];
+        let mut loose = Loose::new(&["22=1", &settings[0], &settings[1], "25=2000", "24=100"]);
         let mut ends = [0; 3];
         let is_negative = |axis: usize| mask >> axis & 1 != 0;
         for axis in [X, Y, Z] {
@@ -206,7 +211,12 @@ fn homing_ends_a_pull_off_from_the_switch_and_knows_the_direction() {
                 (Closes::From(1000), 1000 - PLAY[axis])
             };
             loose.machine.mount(axis, closes, Levels::limits(1 << axis));
-            ends[axis] = contact + if is_negative(axis) { STEPS } else { -STEPS };
+            ends[axis] = contact
+                + if is_negative(axis) {
+                    pull_off
+                } else {
+                    -pull_off
+                };
         }
         assert_eq!(loose.machine.ask("$H"), ["ok"]);
         loose.table.follow(&loose.machine.edges);
@@ -510,4 +520,11 @@ proptest! {
         }
         prop_assert_eq!(loose.table_mm(), [0.0, loose.table_mm()[Y], -1.0]);
     }
+}
+
+#[test]
+fn a_long_arc_is_answered_before_its_parts_are_done() {
+    let mut loose = Loose::new(&[]);
+    loose.machine.send_for("G2 I50 F200\n", 100);
+    assert_eq!(loose.machine.lines(), ["ok"]);
 }

@@ -170,3 +170,50 @@ fn a_machine_without_the_setting_or_a_probe_that_has_worked_goes_on() {
     assert_eq!(machine.ask("G0 Z-20"), ["ok"]);
     assert_eq!(machine.state(), State::Idle);
 }
+
+#[test]
+fn a_contact_that_chatters_when_it_is_left_ends_nothing_and_the_next_move_counts() {
+    let mut machine = Machine::new(&["110=6000", "112=300", "120=500", "122=50"]);
+    machine.send("G38.2 Z-9 F100\n");
+    machine.run(500);
+    machine.set_pin(Levels::PROBE, true);
+    assert_eq!(machine.answers().last().unwrap(), "ok");
+    machine.send("G0 Z0\nG0 X50\n");
+    for closed in [false, true, false, true, false] {
+        machine.run(5);
+        machine.set_pin(Levels::PROBE, closed);
+    }
+    machine.run_until(|machine| machine.xyz()[0] > STEPS);
+    assert_eq!(machine.state(), State::Run);
+    machine.set_pin(Levels::PROBE, true);
+    assert_eq!(machine.answers()[2..], STOPPED);
+    assert_eq!(machine.xyz()[2], 0);
+}
+
+#[test]
+fn a_contact_while_backlash_is_taken_up_stops_and_one_that_is_left_so_does_not() {
+    for is_left in [false, true] {
+        let mut machine = Machine::new(&["112=300", "122=500", "162=1"]);
+        machine.send("G38.2 Z-9 F100\n");
+        machine.run(500);
+        machine.set_pin(Levels::PROBE, true);
+        assert_eq!(machine.answers().last().unwrap(), "ok");
+        if !is_left {
+            machine.set_pin(Levels::PROBE, false);
+            machine.run(100);
+        }
+        machine.send("G0 Z5\n");
+        // It takes 0.2 s.
+        machine.run(if is_left { 300 } else { 100 });
+        for closed in [false, true] {
+            machine.set_pin(Levels::PROBE, closed);
+            machine.run(5);
+        }
+        let answers = machine.answers();
+        if is_left {
+            assert_eq!(answers, ["ok"]);
+        } else {
+            assert_eq!(answers[1..], STOPPED);
+        }
+    }
+}

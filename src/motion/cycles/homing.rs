@@ -453,6 +453,9 @@ impl Homing {
             let mut towards_switch_mm = towards_switch_mm;
             if stage.is_pull_off() {
                 towards_switch_mm -= rules.backlash_mm[axis];
+            } else if stage == HomingStage::Locate {
+                // Back over it, and once more where the motor was on the other side of it when the switch was left.
+                towards_switch_mm += 2.0 * rules.backlash_mm[axis];
             }
             let steps = rules.towards_switch(axis, towards_switch_mm);
             let target = self.switches[axis].saturating_add(steps);

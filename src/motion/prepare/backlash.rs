@@ -12,7 +12,7 @@ use super::{Activity, Motion};
 use crate::{
     axis::{AXES, Axes, Z},
     machine::Event,
-    model::{State, timing::SEGMENT_TICKS},
+    model::{State, timing::MAX_SEGMENT_TICKS},
     motion::{
         cycles::{
             cycle_move::{CycleLimits, CycleMove},
@@ -190,10 +190,12 @@ impl Motion {
         };
         let position = self.generator.position();
         if !self.take_up.of_motors.is_active() {
-            // The run that ends a move makes none of the segments of the next.
-            self.segment = Segment::standstill(SEGMENT_TICKS, position);
+            // The run that ends a move makes none of the segments of the next. With a short one this is as long as two.
+            self.segment = Segment::standstill(MAX_SEGMENT_TICKS, position);
             self.activity = Activity::Path;
             self.finish_entries(1);
+            // The move behind it is what leaves a contact.
+            self.left_contact_in = self.left_contact_in.map(|entries| entries.wrapping_add(1));
         } else if !(self.take_up.of_motors).next(position, goal, &mut self.segment) {
             return false;
         }

@@ -31,7 +31,10 @@ impl Motion {
         match entry.work {
             Work::Move(_) | Work::Fault(_) => true,
             Work::Speed(_) => !is_ending && !self.is_occupied(),
-            Work::TakeUp(_) => !is_ending && self.plan.is_empty() && !self.is_occupied(),
+            Work::TakeUp(_) => {
+                let is_on_path = matches!(self.activity, Activity::Path);
+                !is_ending && self.plan.is_empty() && is_on_path && !self.is_occupied()
+            }
             Work::Dwell(_)
             | Work::Probe(..)
             | Work::Spindle(..)

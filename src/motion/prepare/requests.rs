@@ -57,11 +57,12 @@ impl Motion {
     }
 
     /// Whether a contact of the probe stops the machine: in a move that is no probing move, with a step left at least.
-    /// What has been probed may be gone to.
+    /// What has been probed may be gone to, and the move that leaves it may chatter.
     fn is_stopped_by_contact(&self) -> bool {
         let may_stop = self.stops_at_contact
             && self.has_probed
-            && matches!(self.activity, Activity::Path)
+            && matches!(self.activity, Activity::Path | Activity::TakeUp)
+            && self.left_contact_in != Some(self.published.finished)
             && matches!(
                 self.control.state,
                 State::Run | State::Jog | State::HoldSlowing
@@ -69,11 +70,12 @@ impl Motion {
         may_stop && self.is_in_motion() && self.has_steps_left()
     }
 
-    /// Whether a whole step of the plan is still to be made into a segment.
+    /// Whether a whole step is still to be made into a segment.
     fn has_steps_left(&self) -> bool {
         match self.plan.current() {
+            None => self.takes_up_backlash(),
             Some(block) if self.plan.len() == 1 => self.executor.steps_left(block) >= 1.0,
-            current => current.is_some(),
+            Some(_) => true,
         }
     }
 
@@ -196,7 +198,8 @@ impl Motion {
         let (control, effect) = self.control.after(event);
         self.control = control;
         match effect {
-            Effect::None => {}
+            // Only a standstill drops the plan, and does it itself: `finish_stop`.
+            Effect::None | Effect::DropPlan => {}
             Effect::Resume => self.resume(),
             Effect::Suspend => {
                 self.stop_restoring();
@@ -218,8 +221,6 @@ impl Motion {
                     *cancelled = cancelled.wrapping_add(1);
                 }
             }
-            // Of a standstill alone, which drops it: here it would count for each event.
-            Effect::DropPlan => {}
             Effect::Abort => {
                 self.faults.reset_in_motion = true;
                 self.delays.disables_drivers = true;

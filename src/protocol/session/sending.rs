@@ -102,13 +102,14 @@ impl Session {
     /// Returns whether what the machine has to do behind the work in execution lasts longer than `$797`, and longer than
     /// it takes to brake: no move becomes slower because one behind it is not known yet.
     ///
-    /// A jog does not wait for that: one that waited here would begin when those before have been cancelled.
+    /// The rest of a command that backlash divides does not wait for that, as its line has no answer yet. A jog does not: one that waited here would begin when those before have been cancelled.
     #[inline]
     fn is_enough_queued(&self, machine: &Snapshot) -> bool {
         let slowest = machine.overrides.feed.min(machine.overrides.rapid);
         let limit_ms = 10 * u32::from(slowest) * u32::from(self.settings().queued_motion_s);
         self.machine_sync.lasts_longer_than(limit_ms, machine)
             && limit_ms != 0
+            && !self.router.is_within_command()
             && self.line.source != Source::Jog
             && self.is_braking_known(machine)
     }
