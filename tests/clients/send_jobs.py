@@ -91,6 +91,8 @@ class Sending:
 
     def end(self, status):
         until(lambda: self.process.poll() is not None, "the program ends", lambda: self.said[-1:])
+        # What it has written last may still be on its way.
+        self.thread.join()
         check(self.process.returncode == status, f"it has ended with {self.process.returncode}")
 
 
