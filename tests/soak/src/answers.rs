@@ -4,7 +4,7 @@ use grbl_client::Report;
 use leadscrew::{axis::AXES, gcode::LineError, model::Alarm, settings::Setting};
 
 /// What a message may tell.
-const MESSAGES: [&str; 31] = [
+const MESSAGES: [&str; 32] = [
     "Reset to continue",
     "Compensation waits for the next move",
     "'$H'|'$X' to unlock",
@@ -22,6 +22,7 @@ const MESSAGES: [&str; 31] = [
     "Waiting for spindle",
     "Sleeping",
     "Arc not on steps",
+    "G53 ends at the pull-off, before the switch",
     "Probe contact outside of a probing move",
     "Spindle is off",
     "Spindle speed is 0",
