@@ -22,7 +22,7 @@ use self::{
     cutter_move::{CutterMove, placed},
     plan::Plan,
 };
-use super::{Outside, leaves_travel};
+use super::{OutsideTravel, leaves_travel};
 use crate::{
     axis::Axes,
     gcode::interpreter::CompensatedMove,
@@ -332,16 +332,17 @@ impl Compensator {
 
     /// Returns a coordinate for which [`Self::leaves_travel`] is true.
     #[must_use]
-    pub fn outside(&self, settings: &Settings) -> Option<Outside> {
+    pub fn outside(&self, settings: &Settings) -> Option<OutsideTravel> {
         if !self.is_released {
             return None;
         }
-        let of =
-            |one: &CutterMove| Outside::on_path(settings, &one.start, &one.command(self.plane));
+        let of = |one: &CutterMove| {
+            OutsideTravel::on_path(settings, &one.start, &one.command(self.plane))
+        };
         let mut behind = self.behind.iter().filter_map(Behind::command);
         let waiting = self.waiting.as_ref().and_then(of);
         waiting
-            .or_else(|| behind.find_map(|one| Outside::on_path(settings, &self.end, &one)))
+            .or_else(|| behind.find_map(|one| OutsideTravel::on_path(settings, &self.end, &one)))
             .or_else(|| self.around.as_ref().and_then(of))
     }
 

@@ -18,4 +18,4 @@ pub use entry::{Entry, TakeUp, Work};
 pub(crate) use router::Limits;
 pub use router::Router;
 pub use tilted_arc::TiltedArc;
-pub use travel_limits::{Outside, is_axis_outside, is_outside, leaves_travel};
+pub use travel_limits::{OutsideTravel, is_axis_outside, is_outside, leaves_travel};

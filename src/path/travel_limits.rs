@@ -47,14 +47,14 @@ pub fn leaves_travel(settings: &Settings, from: &Axes<Nm>, command: &Command) ->
 
 /// A coordinate outside the travel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Outside {
+pub struct OutsideTravel {
     /// The axis.
     pub axis: usize,
     /// Its coordinate.
     pub position: Nm,
 }
 
-impl Outside {
+impl OutsideTravel {
     fn of(settings: &Settings, axis: usize, position: Nm) -> Option<Self> {
         is_axis_outside(settings, axis, position).then_some(Self { axis, position })
     }
@@ -234,8 +234,8 @@ mod tests {
             assert_eq!(leaves_travel(&machine(), &from, &line), is_outside);
             let axis = usize::from(y < -200.0);
             let position = at(x, y)[axis];
-            let outside = is_outside.then_some(Outside { axis, position });
-            assert_eq!(Outside::on_path(&machine(), &from, &line), outside);
+            let outside = is_outside.then_some(OutsideTravel { axis, position });
+            assert_eq!(OutsideTravel::on_path(&machine(), &from, &line), outside);
         }
     }
 
@@ -317,9 +317,9 @@ mod tests {
             prop_assert!(leaves || worst < 1.0e-5, "{worst} mm");
             prop_assert!(!leaves || worst > -1.0e-4, "{worst} mm");
             // The coordinate that is shown is on the arc, and as far out as an axis gets.
-            let outside = Outside::on_path(&machine(), &from, &command);
+            let outside = OutsideTravel::on_path(&machine(), &from, &command);
             prop_assert_eq!(outside.is_some(), leaves);
-            if let Some(Outside { axis, position }) = outside {
+            if let Some(OutsideTravel { axis, position }) = outside {
                 let mm = position.to_mm_f64();
                 let excess = mm.max(-200.0 - mm);
                 prop_assert!(axis < 2 && excess > 0.0 && excess < worst + 1.0e-4, "{axis} {mm}: {worst}");

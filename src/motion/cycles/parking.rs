@@ -49,13 +49,13 @@ pub(crate) enum Reached {
     Work,
 }
 
-/// Where the motor of Z is in its backlash.
+/// The backlash of Z, and where in it the motor is.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Lead {
+pub(crate) struct ZBacklash {
     /// All of it, steps.
-    pub(crate) backlash: i32,
-    /// How far the motor is ahead in the positive direction, steps.
     pub(crate) steps: i32,
+    /// How far the motor is ahead in the positive direction, steps.
+    pub(crate) lead: i32,
 }
 
 /// Parking: Z, its motion and its parameters.
@@ -151,8 +151,8 @@ impl Parking {
     }
 
     /// Returns how far the motor of Z moves without it before Z moves, steps.
-    fn take_up(&mut self, lead: Lead) -> i32 {
-        let at_work = *self.lead_at_work.get_or_insert(lead.steps);
+    fn take_up(&mut self, backlash: ZBacklash) -> i32 {
+        let at_work = *self.lead_at_work.get_or_insert(backlash.lead);
         let ahead = match self.stage {
             ParkingStage::ToWaypoint | ParkingStage::Plunge => 0,
             ParkingStage::TakeUp => at_work,
@@ -161,9 +161,9 @@ impl Parking {
             | ParkingStage::ToTarget
             | ParkingStage::Parked
             | ParkingStage::AtWaypoint
-            | ParkingStage::Stop => lead.backlash,
+            | ParkingStage::Stop => backlash.steps,
         };
-        ahead.wrapping_sub(lead.steps)
+        ahead.wrapping_sub(backlash.lead)
     }
 
     /// Makes the next segment, from `position`; returns false when there is none.
@@ -171,7 +171,7 @@ impl Parking {
         &mut self,
         position: &Axes<FineSteps>,
         ending: Ending,
-        lead: Lead,
+        backlash: ZBacklash,
         segment: &mut Segment,
     ) -> bool {
         let goal = if self.stops(ending) {
@@ -184,7 +184,7 @@ impl Parking {
         {
             // A run that begins a move makes none of its segments.
             let mut delta = Axes([0; AXES]);
-            let take_up = i64::from(self.take_up(lead)) << 32;
+            let take_up = i64::from(self.take_up(backlash)) << 32;
             delta[Z] = to.0.wrapping_sub(position[Z].0).wrapping_add(take_up);
             self.cycle_move.begin(delta, mm_s, &self.limits);
             *segment = Segment::standstill(SEGMENT_TICKS, position);

@@ -16,7 +16,7 @@ use crate::{
     motion::{
         cycles::{
             cycle_move::{CycleLimits, CycleMove},
-            parking::Lead,
+            parking::ZBacklash,
         },
         executor::Goal,
     },
@@ -82,10 +82,10 @@ impl Backlash {
     }
 
     /// Returns where the motor of Z is in its backlash.
-    pub(super) fn of_z(&self) -> Lead {
-        Lead {
-            backlash: self.steps[Z],
-            steps: self.lead[Z],
+    pub(super) fn of_z(&self) -> ZBacklash {
+        ZBacklash {
+            steps: self.steps[Z],
+            lead: self.lead[Z],
         }
     }
 

@@ -9,8 +9,9 @@ use crate::{
     units::Nm,
 };
 
-/// Most parts of an arc that make no step before one that does: where five of them make none, a whole turn does not.
-const PARTS: usize = 6;
+/// Parts of an arc up to one that makes a step, at most: an arc has four reversals in a turn, so that behind five parts
+/// without a step the whole of it goes at once.
+const MAX_PARTS_WITHOUT_STEPS: usize = 6;
 
 /// The directions in which the axes with backlash have moved last, bit 0 = X.
 #[derive(Debug)]
@@ -106,7 +107,7 @@ impl Router {
     fn next_before(&mut self, command: &Command) -> Option<Work> {
         let mut command = self.remainder.take().unwrap_or(*command);
         let mut work = None;
-        for _ in 0..PARTS {
+        for _ in 0..MAX_PARTS_WITHOUT_STEPS {
             let parts = self.at_reversal(&command);
             let next = parts.map_or(command, |[part, _]| part);
             let (Command::Line {

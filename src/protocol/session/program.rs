@@ -12,7 +12,7 @@ use crate::{
     },
     machine::Snapshot,
     model::{Command, Requests, State},
-    path::{Outside, TiltedArc, is_outside, leaves_travel},
+    path::{OutsideTravel, TiltedArc, is_outside, leaves_travel},
     protocol::{
         ByteReader, Dialect, Waiting,
         realtime::MAX_UNRELEASED_BYTES,
@@ -455,7 +455,7 @@ impl Session {
     ///
     /// [`Alarm::SoftLimit`]: crate::model::Alarm::SoftLimit
     #[must_use]
-    pub fn outside_travel(&self) -> Option<(Outside, bool)> {
+    pub fn outside_travel(&self) -> Option<(OutsideTravel, bool)> {
         if !matches!(self.stage, LineStage::Faulting | LineStage::Faulted) {
             return None;
         }
@@ -467,14 +467,14 @@ impl Session {
         let mut from = self.probing.start;
         let mut commands = self.line.outcome.commands.iter();
         let drills = self.line.checked.drills();
-        let of_hole = corners.find_map(|corner| Outside::at(settings, &corner));
+        let of_hole = corners.find_map(|corner| OutsideTravel::at(settings, &corner));
         let outside = of_hole.filter(|_| drills).or_else(|| {
             commands.find_map(|command| {
                 let start = from;
                 if let Command::Line { target, .. } | Command::Arc { target, .. } = command {
                     from = target.position;
                 }
-                Outside::on_path(settings, &start, command)
+                OutsideTravel::on_path(settings, &start, command)
             })
         });
         Some((outside?, false))

@@ -7,8 +7,8 @@
 use crate::{model::queues::ENTRY_RING, motion::BLOCKS};
 
 /// Ends of entries that are known, a power of two: more than can be unfinished.
-const ENDS: usize = 256;
-const _: () = assert!(BLOCKS + 2 * ENTRY_RING < ENDS);
+const KNOWN_ENTRIES: usize = 256;
+const _: () = assert!(BLOCKS + 2 * ENTRY_RING < KNOWN_ENTRIES);
 
 /// The durations of what has been sent.
 #[derive(Debug)]
@@ -16,14 +16,14 @@ pub(super) struct QueuedDuration {
     /// Number of entries, wrapping.
     count: u32,
     /// Duration up to the end of each of the newest, ms, wrapping; in a ring.
-    ends_ms: [u32; ENDS],
+    ends_ms: [u32; KNOWN_ENTRIES],
 }
 
 impl Default for QueuedDuration {
     fn default() -> Self {
         Self {
             count: 0,
-            ends_ms: [0; ENDS],
+            ends_ms: [0; KNOWN_ENTRIES],
         }
     }
 }
@@ -33,7 +33,7 @@ impl QueuedDuration {
     #[inline]
     pub(super) fn add(&mut self, end_ms: u32) {
         self.count = self.count.wrapping_add(1);
-        self.ends_ms[self.count as usize % ENDS] = end_ms;
+        self.ends_ms[self.count as usize % KNOWN_ENTRIES] = end_ms;
     }
 
     /// Returns the duration of so many of the newest entries, ms.
@@ -45,6 +45,6 @@ impl QueuedDuration {
     /// Returns the duration up to the end of the entry that is so many before the newest, ms, wrapping.
     #[inline]
     fn end_ms(&self, entries: u32) -> u32 {
-        self.ends_ms[self.count.wrapping_sub(entries) as usize % ENDS]
+        self.ends_ms[self.count.wrapping_sub(entries) as usize % KNOWN_ENTRIES]
     }
 }

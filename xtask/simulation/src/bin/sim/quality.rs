@@ -28,7 +28,7 @@ use leadscrew::{
 use serde::Serialize;
 use simulation::program_reader::ProgramReader;
 
-use arcs::{ArcFigures, Arcs};
+use arcs::{ArcFigures, JerkOfArcs};
 use axis::Track;
 use corners::Corners;
 use fit::Crossing;
@@ -174,7 +174,7 @@ pub(crate) struct Meter {
     /// The newest speed along the path.
     speed_mm_s: f64,
     corners: corners::Meter,
-    arcs: Arcs,
+    arcs: JerkOfArcs,
     feed: FeedTime,
     steps: [i32; AXES],
     first_ticks: Option<u64>,
@@ -199,10 +199,10 @@ impl Meter {
                 &motor_scales.accelerations,
                 &motor_scales.steps_per_mm,
             )),
-            arcs: Arcs {
+            arcs: JerkOfArcs {
                 is_allowed: motor_scales.jerks.iter().any(Option::is_some)
                     && settings.junction_deviation_mm > 0.0,
-                ..Arcs::default()
+                ..JerkOfArcs::default()
             },
             follower: Follower::new(motor_scales.steps_per_mm),
             motor_scales,

@@ -20,7 +20,7 @@ pub(crate) struct ArcFigures {
 
 /// The arcs of a machine that passes them with a jump of the acceleration.
 #[derive(Debug, Default)]
-pub(super) struct Arcs {
+pub(super) struct JerkOfArcs {
     /// A limit of jerk is set, and corners are passed in motion.
     pub(super) is_allowed: bool,
     /// Jerk that the present place allows beside the limit, in any direction and along the path, mm/s³.
@@ -29,7 +29,7 @@ pub(super) struct Arcs {
     pub(super) greatest: ArcFigures,
 }
 
-impl Arcs {
+impl JerkOfArcs {
     /// Follows the path to a place of a curvature, at a speed, within an acceleration in its plane.
     pub(super) fn follow(&mut self, curvature: &Point, speed_mm_s: f64, acceleration_mm_s2: f64) {
         let curvature_per_mm = norm(curvature);
