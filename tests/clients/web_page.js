@@ -27,16 +27,24 @@ async function upload(page, files) {
   }
 }
 
+/** Waits for the view of the job that has been played last: the one in the page's frame. */
+async function viewed(page) {
+  let [view, seen] = [null, ''];
+  await until(async () => {
+    const frame = await page.$('#frame iframe');
+    view = frame && await frame.contentFrame();
+    seen = view && `${view.url()} ${await view.evaluate(() => `${document.readyState} ${document.body?.dataset.ready}`)}`;
+    return seen && seen.endsWith(' yes');
+  }, 'the view is there', () => seen);
+  return view;
+}
+
 /** Waits for the hash of a job that has been begun, and for its view. */
 async function played(page) {
   await until(() => page.evaluate(() => 'hash' in document.body.dataset), 'the job comes to its end', () => state(page));
   const seen = await page.evaluate(() => [document.body.dataset.hash, document.getElementById('facts').textContent]);
   check(seen[0] === hash && seen[1].includes(hash), `${seen} is not ${hash}`);
-  let view;
-  await until(async () => {
-    view = page.frames().find((frame) => frame !== page.mainFrame() && frame.url().startsWith('blob:'));
-    return view && await view.evaluate(() => document.body?.dataset.ready === 'yes');
-  }, 'the view is there');
+  const view = await viewed(page);
   const drawn = await view.evaluate(() => {
     window.view.scene.render();
     return [window.view.facts.hash, window.view.scene.drawn, window.view.path.pieces, window.view.listing.element.textContent];
@@ -119,6 +127,7 @@ async function tabulated(page) {
   await until(() => page.evaluate(() => 'hash' in document.body.dataset), 'the job comes to its end', () => state(page));
   const rows = await page.evaluate(() => [...document.querySelectorAll('#refusals tbody tr')].map((row) => [...row.cells].map((cell) => cell.textContent)));
   check(rows.length === 2 && rows[0][0] === '2' && rows[0][1] === 'G999' && rows[0][2].includes(': remove the word') && rows[0][3] === 'error:20' && rows[0][4] === '2', JSON.stringify(rows));
+  await viewed(page);
 }
 
 /** An alarm is told with its line, what it means and what to do: of the job, and where it ends the job. */
@@ -131,12 +140,9 @@ async function alarmed(page) {
   const expected = 'ALARM:5, the probe made no contact: unlock with $X';
   const warnings = await page.evaluate(() => document.getElementById('warnings').textContent);
   check(warnings.includes(`line 2 (G38.2 Z-1 F99): ${expected}`), warnings);
-  let told;
-  await until(async () => {
-    const view = page.frames().find((frame) => frame.url().startsWith('blob:'));
-    told = view && await view.evaluate(() => document.getElementById('alarm')?.textContent);
-    return told && told.startsWith(`line 2: ${expected}`);
-  }, 'the page of the job tells the alarm', () => told);
+  const view = await viewed(page);
+  const told = await view.evaluate(() => document.getElementById('alarm').textContent);
+  check(told.startsWith(`line 2: ${expected}`), told);
   fs.writeFileSync('far.nc', 'G0X-1\nX250\nX-2\n');
   await upload(page, { program: 'far.nc', settings: 'mill.settings' });
   await page.click('#run');
