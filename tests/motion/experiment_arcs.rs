@@ -132,20 +132,20 @@ fn the_experiment_ended_less_than_half_of_its_arcs_where_they_should() {
 fn the_same_arcs_end_where_they_should_when_their_quadrants_are_counted() {
     for radius in radii() {
         let circle = circle(*radius);
-        let mut arcs = 0;
+        // All of them, but to other ends from each start of the largest circle.
+        let nth = if *radius > 50 { 7 } else { 1 };
         for rotation in ROTATIONS {
-            for start in &circle {
-                for end in &circle {
+            for (number, start) in circle.iter().enumerate() {
+                for end in circle.iter().skip(number % nth).step_by(nth) {
                     let arc = IntegerArc::new(*start, *end, rotation, 1, StepRule::Sign).unwrap();
                     let mut place = *start;
                     for step in arc.take(9 * *radius as usize + 16) {
                         place = [place[0] + step.signs[0], place[1] + step.signs[1]];
                     }
                     assert_eq!(place, *end, "from {start:?} {rotation:?}");
-                    arcs += 1;
                 }
             }
         }
-        assert_eq!(arcs, 2 * (8 * *radius as usize).pow(2));
+        assert_eq!(circle.len(), 8 * *radius as usize);
     }
 }

@@ -140,10 +140,12 @@ fn every_arc_between_whole_places_ends_there_and_stays_on_its_circle() {
     }
 }
 
-/// Farthest inside and outside of all circles from places within half a step of a radius, both directions.
+/// Farthest inside and outside of all circles from places within half a step of a radius, both directions. Of radii
+/// above 50, circles from the places of one octant alone: mirrored, these have the places of all others.
 fn farthest(whole: i32, rule: StepRule) -> [f64; 2] {
     let mut farthest = [0.0_f64; 2];
-    for start in around(whole) {
+    let is_tried = |[x, y]: &[i32; 2]| whole <= 50 || (0 <= *y && y <= x);
+    for start in around(whole).into_iter().filter(is_tried) {
         for rotation in ROTATIONS {
             let Some(circle) = IntegerArc::new(start, start, rotation, 2, rule) else {
                 continue;

@@ -30,7 +30,8 @@ pub struct Tool {
     pub name: &'static str,
     /// How long it takes to compile with everything that it needs.
     pub takes: &'static str,
-    /// Features that it is compiled with.
+    /// Features that it is compiled with; `default` where other tools are compiled with those of its library, so that
+    /// it is compiled once for all.
     pub features: &'static [&'static str],
     /// Whether it has the firmware's number of axes compiled in.
     has_axes: bool,
@@ -74,7 +75,7 @@ impl Tool {
     const fn of_pages(self) -> Self {
         Self {
             package: "pages",
-            features: &["commands"],
+            features: &["default"],
             ..self
         }
     }
@@ -129,7 +130,7 @@ impl Tool {
 
 /// `cargo xtask sim`.
 pub const SIM: Tool = Tool {
-    features: &["command"],
+    features: &["default"],
     ..Tool::new("sim", "the simulator", "about a minute").of("simulation")
 };
 /// The manifest of what runs the image of a board on models of its chip, from the project's root: a workspace of its own.

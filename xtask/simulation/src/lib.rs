@@ -12,7 +12,7 @@
 #[cfg(test)]
 #[path = "../../../tests/support/cases.rs"]
 mod cases;
-#[cfg(feature = "chart")]
+#[cfg(feature = "os")]
 pub mod chart;
 mod columns;
 mod curves;
@@ -20,7 +20,7 @@ pub mod drilled_holes;
 pub mod figures;
 #[cfg(feature = "os")]
 pub mod holder;
-#[cfg(feature = "terminal")]
+#[cfg(feature = "os")]
 pub mod interrupt;
 mod job;
 pub mod job_times;
@@ -31,7 +31,7 @@ pub mod machine;
 #[cfg(feature = "os")]
 pub mod machine_answers;
 mod merge;
-#[cfg(feature = "terminal")]
+#[cfg(feature = "os")]
 pub mod output;
 #[cfg(feature = "os")]
 pub mod play;

@@ -8,7 +8,6 @@ use crate::{
 };
 use anstream::println;
 use anyhow::Result;
-#[cfg(feature = "terminal")]
 use indicatif::ProgressBar;
 use leadscrew::{
     settings::Settings,
@@ -46,30 +45,6 @@ pub fn play_recorded(path: &Path, settings: &Settings, switches: &[Switch]) -> R
         .flat_map(|text| ask(&mut simulator, text.as_bytes()))
         .collect();
     Ok(Played { figures, answers })
-}
-
-/// None is shown.
-#[cfg(not(feature = "terminal"))]
-#[derive(Clone)]
-pub struct ProgressBar;
-
-#[cfg(not(feature = "terminal"))]
-#[expect(
-    clippy::unused_self,
-    reason = "they are called as those of a bar that is shown"
-)]
-impl ProgressBar {
-    fn hidden() -> Self {
-        Self
-    }
-
-    fn suspend(&self, print: impl FnOnce()) {
-        print();
-    }
-
-    fn set_position(&self, _bytes: u64) {}
-
-    fn finish_and_clear(&self) {}
 }
 
 /// How a program is run.

@@ -3,7 +3,6 @@
 //! The form of the files is fixed: other tools write and read it. A step is sent, and what arrives
 //! until the next step belongs to it.
 
-#[cfg(feature = "terminal")]
 mod file;
 pub mod player;
 pub mod state;
@@ -19,7 +18,6 @@ use leadscrew::{
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-#[cfg(feature = "terminal")]
 pub use self::file::replay_file;
 use self::{
     player::{Patience, Player, rounded},
@@ -253,6 +251,17 @@ mod tests {
         assert_eq!(json["final"]["parser_pos_mm"][0], 1.0);
         assert_eq!(json["final"]["modal"][3], 1);
         assert_eq!(json["final"]["idle"], true);
+    }
+
+    #[test]
+    fn a_wait_ends_that_is_finer_than_the_clock() {
+        for seconds in ["0.123456789", "0.000000004", "1e-10", "0"] {
+            let waits = format!(
+                r#"{{"id": "w", "transcript": [{{"line": "G91 X1"}}, {{"wait": {seconds}}}]}}"#
+            );
+            let json = replayed(&waits).to_json().unwrap();
+            assert_eq!(json["final"]["mpos_steps"][0], 250);
+        }
     }
 
     #[test]
