@@ -189,7 +189,7 @@ fn round(driver: &mut Driver, settings: &[String]) -> Result<()> {
             "G18" => ("I", "K", "Y"),
             _ => ("J", "K", "X"),
         };
-        for radius in ["2", "0.3", "0.02", "0.003"] {
+        for radius in ["1", "0.3", "0.02", "0.003"] {
             lines.push(format!("{plane}G2{from}{radius}"));
             lines.push(format!("G3{to}-{radius}{along}0.7P2"));
             lines.push(format!("G2{from}-{radius}{along}-0.7"));
