@@ -216,7 +216,6 @@ pub(super) fn limits_of_jerk(driver: &mut Driver, step_rate_hz: u32) -> Result<(
         })?;
     }
     round(driver, &smooth(step_rate_hz, 20_000.0, 0.004))?;
-    round(driver, &smooth(step_rate_hz, 5000.0, 0.1))?;
     hold(driver, &smooth(step_rate_hz, SLOW, 0.05), false)
 }
 
