@@ -74,7 +74,7 @@ impl JobTimes {
             ("cutting", self.cutting_s),
             ("rapids", self.rapid_s),
             ("standing still", self.standstill_s),
-            ("homing, probing and jogs", self.other_s),
+            ("homing, probing, jogs and backlash", self.other_s),
         ];
         let parts = parts.iter().filter(|(_, seconds)| *seconds > 0.0);
         let parts: Vec<_> = parts
@@ -129,7 +129,7 @@ mod tests {
         ];
         assert_eq!(parts, [2.0, 5.0, 10.0, 1.0]);
         assert_eq!(times.total_s(), 18.0);
-        let text = "cutting 10.000 s, rapids 2.000 s, standing still 5.000 s, homing, probing and jogs 1.000 s";
+        let text = "cutting 10.000 s, rapids 2.000 s, standing still 5.000 s, homing, probing, jogs and backlash 1.000 s";
         assert_eq!(times.text().as_deref(), Some(text));
     }
 

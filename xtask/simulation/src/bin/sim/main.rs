@@ -3,6 +3,7 @@
 mod coils;
 mod contour;
 mod gantry;
+mod loose_axes;
 mod marks;
 mod plot;
 mod power_up;

@@ -18,6 +18,7 @@ use crate::{
     Options,
     coils::CoilTable,
     gantry::Sides,
+    loose_axes::LooseAxes,
     marks::MarkFinder,
     plot,
     quality::{self, Meter, Quality},
@@ -32,6 +33,8 @@ pub(crate) struct Recording {
     picture: Option<Drawing>,
     json: Option<Output>,
     meter: Option<Meter>,
+    /// Axes that do not take each step of their motors.
+    loose_axes: Option<LooseAxes>,
 }
 
 /// A picture that is to be drawn.
@@ -71,6 +74,7 @@ impl Recording {
             }),
             json: options.json.as_deref().map(Output::create).transpose()?,
             meter: options.quality.then(|| Meter::new(reader())),
+            loose_axes: LooseAxes::of(session.settings()),
         })
     }
 
@@ -148,8 +152,14 @@ impl Recorder for Recording {
     }
 
     fn edge(&mut self, edge: &Edge, statistics: &StepStatistics) -> Result<()> {
+        let mut edge = *edge;
+        let mut steps = statistics.steps.0.map(|steps| steps as i32);
+        if let Some(axes) = &mut self.loose_axes {
+            edge = axes.follow(&edge);
+            steps = axes.steps();
+        }
         if let Some(meter) = &mut self.meter {
-            meter.edge(edge);
+            meter.edge(&edge);
         }
         let is_traced = self.table.is_some() || self.picture.is_some();
         if edge.raise == 0 || !is_traced {
@@ -158,7 +168,7 @@ impl Recorder for Recording {
         let first = statistics.first_ticks.unwrap_or(edge.ticks);
         let row = Row {
             time_ns: nanoseconds(edge.ticks - first),
-            steps: statistics.steps.0.map(|steps| steps as i32),
+            steps,
             of: Move {
                 is_rapid: edge.is_rapid,
                 duty: edge.duty,

@@ -112,6 +112,32 @@ fn a_core_xy_machine_keeps_the_limits_of_its_motors_on_the_programmed_path() {
     assert!(drawn.contains("jerk of motor Y, 1000 mm/s³"));
 }
 
+#[test]
+fn quality_and_trace_are_those_of_axes_that_follow_with_backlash() {
+    let folder = tempfile::tempdir().unwrap();
+    let trace = folder.path().join("steps.csv").display().to_string();
+    let settings = ["$160=0.1", "$161=0.05", "$23=2", "$12=0.002"];
+    let set: Vec<_> = settings
+        .into_iter()
+        .flat_map(|set| ["--set", set])
+        .collect();
+    let more = [&set[..], &["--quality", "--trace", &trace]].concat();
+    let program = "G1 X-10 F600\nX5 Y3\nG2 I4 J3\nG1 X2 Y-1\n";
+    let whole = figures(folder.path(), program, &more);
+    let quality = &whole["quality"];
+    assert_eq!(quality["violations"], Value::Array(Vec::new()));
+    assert_eq!(quality["is_path_known"], true);
+    let deviation = &quality["deviation"];
+    let [off, floor] = ["hausdorff_mm", "floor_mm"].map(|name| deviation[name].as_f64().unwrap());
+    assert!(off < floor + 0.002, "{deviation}");
+    let rows = fs::read_to_string(&trace).unwrap();
+    let last = rows.lines().last().unwrap();
+    assert_eq!(
+        last.split(',').skip(1).take(2).collect::<Vec<_>>(),
+        ["500", "-250"]
+    );
+}
+
 fn refused(figures: &Value) -> Vec<&str> {
     let answers = figures["responses"].as_array().unwrap().iter();
     let texts = answers.map(|answer| answer[1].as_str().unwrap());
