@@ -57,14 +57,13 @@ impl Platform for ChipPlatform {
         pend(task);
     }
 
-    /// Stores also where nobody is released: 0, then.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
     #[expect(unsafe_code, reason = "two vectors of one register")]
     fn release(&mut self, release: Release) {
         const { assert!(PREPARE as u16 / 32 == 0 && WAKE as u16 / 32 == 0) };
         let mask = match release {
-            Release::Nobody => 0,
+            Release::Nobody => return,
             Release::Interpret | Release::Report => 1 << WAKE as u16,
             Release::Prepare => {
                 trace::release(PREPARE);

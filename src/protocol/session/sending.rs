@@ -144,8 +144,10 @@ impl Session {
     /// Sends what comes before a command of the line on a machine with backlash. Returns false when there is no room
     /// for it or for the command.
     fn send_before(&mut self, number: usize, links: &mut Links<'_, '_>) -> bool {
-        let is_known = self.line.outcome.commands.get(number).copied();
-        let Some(command) = is_known.filter(|_| self.router.has_backlash()) else {
+        if !self.router.has_backlash() {
+            return true;
+        }
+        let Some(command) = self.line.outcome.commands.get(number).copied() else {
             return true;
         };
         self.machine_sync.is_jogging |= self.line.source == Source::Jog;
@@ -379,8 +381,13 @@ fn enqueue(
             })
             .is_ok()
     };
-    let remainder = router.take_remainder();
-    let command = remainder.as_ref().unwrap_or(command);
+    let remainder;
+    let command = if router.is_within_command() {
+        remainder = router.take_remainder();
+        remainder.as_ref().unwrap_or(command)
+    } else {
+        command
+    };
     let is_sent = router.route_to(command, enqueue).unwrap_or(false);
     match command {
         _ if !is_sent => {}
