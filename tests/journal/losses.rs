@@ -141,8 +141,8 @@ fn used(flash: &Large) -> impl Iterator<Item = usize> + use<> {
 
 #[test]
 fn each_flipped_bit_of_a_flash_changes_nothing_or_is_reported_by_name() {
-    // All are newest records, of which every bit is tried; then most are not, and every third is.
-    for (settings, step) in [(1, 1), (MOST_SETTINGS, each(101).max(3))] {
+    // All are newest records; then most are not, of which none may come back.
+    for (settings, step) in [(1, 1), (MOST_SETTINGS, each(101))] {
         let (flash, contents) = image(settings);
         let mut outcomes = Outcomes::default();
         let bits = used(&flash).flat_map(|at| (0..8).map(move |bit| (at, bit)));

@@ -295,7 +295,7 @@ fn with_features() -> impl Iterator<Item = Check> {
 /// one with a bootloader, one with a small EEPROM, one whose motors are driven by phases, one at 96 MHz.
 /// `cargo xtask board check --all --prove` looks at all boards.
 const LINTED: [&str; 2] = [SHOWN, PHASES];
-const PROVEN: [&str; 5] = [SHOWN, "fysetc-s6-2", "btt-skr-2", PHASES, "blackpill-f411"];
+const PROVEN_BOARDS: [&str; 5] = [SHOWN, "fysetc-s6-2", "btt-skr-2", PHASES, "blackpill-f411"];
 /// Whose motors are driven by phases.
 const PHASES: &str = "nucleo-f446re-uln2003";
 /// Whose proof the documents show, with three axes.
@@ -303,7 +303,7 @@ const SHOWN: &str = "netduino-plus-2";
 
 /// The proofs that every deadline is met.
 fn proofs() -> Vec<Check> {
-    let all = PROVEN.map(|board| {
+    let all = PROVEN_BOARDS.map(|board| {
         let axes = if board == SHOWN { 4 } else { 3 };
         Check::new(format!("the proof, {board}, {axes} axes"), move || {
             check::by(tools::SCHEDULE, ["--board", board, "--verdict"], axes)

@@ -29,7 +29,7 @@ const POWER_UP_S: f64 = 0.2;
 /// How often the machine is looked at, s.
 const SAMPLE_S: f64 = 0.001;
 /// The machine's clock gets no nearer to the end of a wait, s.
-const HALF_A_TICK_S: f64 = 0.5 / TICKS_PER_SECOND as f64;
+const HALF_TICK_S: f64 = 0.5 / TICKS_PER_SECOND as f64;
 
 /// How long the answer to a line is waited for, s.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -119,7 +119,7 @@ impl Player {
         let end = self.machine.now_s() + seconds;
         loop {
             let left = end - self.machine.now_s();
-            if left < HALF_A_TICK_S {
+            if left < HALF_TICK_S {
                 return;
             }
             self.machine.run_for(left.min(SAMPLE_S));

@@ -1,9 +1,9 @@
 //! `cargo xtask sim`: G-code programs on the virtual machine.
 
+mod axes_with_backlash;
 mod coils;
 mod contour;
 mod gantry;
-mod loose_axes;
 mod marks;
 mod plot;
 mod power_up;

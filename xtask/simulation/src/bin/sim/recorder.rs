@@ -16,9 +16,9 @@ use simulation::{
 
 use crate::{
     Options,
+    axes_with_backlash::AxesWithBacklash,
     coils::CoilTable,
     gantry::Sides,
-    loose_axes::LooseAxes,
     marks::MarkFinder,
     plot,
     quality::{self, Meter, Quality},
@@ -34,7 +34,7 @@ pub(crate) struct Recording {
     json: Option<Output>,
     meter: Option<Meter>,
     /// Axes that do not take each step of their motors.
-    loose_axes: Option<LooseAxes>,
+    axes_with_backlash: Option<AxesWithBacklash>,
 }
 
 /// A picture that is to be drawn.
@@ -74,7 +74,7 @@ impl Recording {
             }),
             json: options.json.as_deref().map(Output::create).transpose()?,
             meter: options.quality.then(|| Meter::new(reader())),
-            loose_axes: LooseAxes::of(session.settings()),
+            axes_with_backlash: AxesWithBacklash::of(session.settings()),
         })
     }
 
@@ -154,7 +154,7 @@ impl Recorder for Recording {
     fn edge(&mut self, edge: &Edge, statistics: &StepStatistics) -> Result<()> {
         let mut edge = *edge;
         let mut steps = statistics.steps.0.map(|steps| steps as i32);
-        if let Some(axes) = &mut self.loose_axes {
+        if let Some(axes) = &mut self.axes_with_backlash {
             edge = axes.follow(&edge);
             steps = axes.steps();
         }

@@ -4,7 +4,7 @@ use leadscrew::{axis::AXES, settings::Settings, sim::Edge};
 
 /// Axes of which some stand while their motors take up backlash.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct LooseAxes {
+pub(crate) struct AxesWithBacklash {
     /// Backlash of each axis, steps.
     backlash: [i32; AXES],
     /// Where the motors are, steps; each pushes its axis in the positive direction from here, and in the negative
@@ -14,7 +14,7 @@ pub(crate) struct LooseAxes {
     axes: [i32; AXES],
 }
 
-impl LooseAxes {
+impl AxesWithBacklash {
     /// Axes that moved last as by the pull-off of homing; `None` without backlash.
     pub(crate) fn of(settings: &Settings) -> Option<Self> {
         if settings.backlash_axes() == 0 {
