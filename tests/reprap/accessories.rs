@@ -82,6 +82,22 @@ fn a_limit_lowered_after_a_change_of_settings_changes_nothing_else() {
 }
 
 #[test]
+fn a_laser_mode_that_a_hold_overtakes_switches_the_spindle_off() {
+    let mut machine = reprap();
+    machine.ask("M3 S500");
+    assert_ne!(machine.outputs().duty, 0);
+    // Both are read in one run of the interpreter, before the machine holds.
+    machine.set_baud(115_200);
+    machine.send_for("!$32=1\n", 100);
+    assert_eq!(machine.state(), State::HoldComplete);
+    assert!(machine.session().settings().laser);
+    assert_eq!(machine.outputs().duty, 0);
+    machine.send("~");
+    machine.run_to_standstill();
+    assert_eq!((machine.state(), machine.outputs().duty), (State::Idle, 0));
+}
+
+#[test]
 fn limits_are_lowered_until_a_reset() {
     let mut machine = reprap();
     assert_begins(&mut machine, "M203", "echo:M203 X100.000 Y100.000 Z100.000");

@@ -35,6 +35,10 @@ impl Motion {
                 let is_on_path = matches!(self.activity, Activity::Path);
                 !is_ending && self.plan.is_empty() && is_on_path && !self.is_occupied()
             }
+            // A hold that comes while they are on their way does not keep the old ones in effect.
+            Work::Configure(_) if self.control.state == State::HoldComplete => {
+                is_still && !is_ending && self.plan.is_empty() && !self.is_occupied()
+            }
             Work::Dwell(_)
             | Work::Probe(..)
             | Work::Spindle(..)

@@ -675,6 +675,9 @@ impl Bench {
         self.is_line_ended = matches!(byte, b'\n' | b'\r');
         if matches!(byte, b' '..=b'}') && !matches!(byte, b'?' | b'!') {
             self.sent_text.push(byte);
+        } else if byte >= 0xc0 {
+            // The first byte of a character of UTF-8, which is shown so.
+            self.sent_text.push(b'?');
         }
         match byte {
             b'?' if !self.setup.is_reprap => {
