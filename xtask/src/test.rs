@@ -34,7 +34,11 @@ pub(crate) fn start(options: &Test) -> Result<ExitCode> {
     let start = Instant::now();
     let only = options.only.as_deref();
     let is_long = options.rest || options.all;
-    let at_once = if is_long { PARALLEL_CHECKS } else { 1 };
+    let at_once = if is_long {
+        PARALLEL_LONG_CHECKS
+    } else {
+        PARALLEL_QUICK_CHECKS
+    };
     let code = check::run(checks, only, options.list, at_once)?;
     if !options.list && !options.all && !options.rest && only.is_none() {
         let minutes = start.elapsed().as_secs_f32() / 60.0;
@@ -47,7 +51,9 @@ pub(crate) fn start(options: &Test) -> Result<ExitCode> {
 }
 
 /// How many checks `--rest` and `--all` make at the same time: each works on one processor for part of its time.
-const PARALLEL_CHECKS: usize = 3;
+const PARALLEL_LONG_CHECKS: usize = 3;
+/// How many of the others: while one runs its tests, the next one is compiled.
+const PARALLEL_QUICK_CHECKS: usize = 2;
 /// What is not quick, and how to test it.
 const REST_SUMMARY: &str = "lints, every case of the random tests, the tools, other numbers of axes, the other boards and \
     their proofs, boards on models of their chips, what the proof must find, tests on the emulated processor, random \
