@@ -8,7 +8,7 @@ use owo_colors::OwoColorize;
 
 use crate::{Refusals, figures::Figures, program::encoding_warning};
 
-/// Causes of refusals that are printed: a file that is no program has one in each line.
+/// Causes of refusals, and messages, that are printed: a file that is no program has one in each line.
 const CAUSES: usize = 24;
 
 /// Prints the summary.
@@ -61,12 +61,41 @@ fn grouped(number: i32) -> String {
     format!("{sign}{}", separated(u64::from(number.unsigned_abs())))
 }
 
-/// Prints what was wrong with the program: text that was not sent, and refused lines.
+/// Prints what was wrong with the program: text that was not sent, what the machine said of it, and refused lines.
 pub fn print_faults(figures: &Figures) {
     if let Some(line) = figures.foreign_line {
         ui::warning(&encoding_warning(line));
     }
+    for (index, line) in messages(&figures.messages).iter().enumerate() {
+        row(if index == 0 { "messages" } else { "" }, line);
+    }
     print_refusals(&figures.refusals);
+}
+
+/// The messages of the machine, each once and where it came first, but not the one that ends a program.
+fn messages(all: &[(u64, String)]) -> Vec<String> {
+    let mut kinds: Vec<(&str, u64, u64)> = Vec::new();
+    for (answers, line) in all {
+        let text = line
+            .strip_prefix("[MSG:")
+            .and_then(|it| it.strip_suffix(']'));
+        let Some(text) = text.filter(|&it| it != "Pgm End") else {
+            continue;
+        };
+        match kinds.iter().position(|(known, ..)| *known == text) {
+            Some(index) => kinds[index].2 += 1,
+            None if kinds.len() == CAUSES => {}
+            None => kinds.push((text, *answers, 1)),
+        }
+    }
+    let rows = kinds.into_iter().map(|(text, answers, count)| {
+        let times = match count {
+            1 => String::new(),
+            count => format!("{} × ", separated(count)),
+        };
+        format!("{times}{text} (after line {})", separated(answers))
+    });
+    rows.collect()
 }
 
 /// Prints the table of refusals, most frequent first; nothing when no line was refused.
@@ -142,6 +171,21 @@ mod tests {
         let of_them = table.iter().filter(|line| line.contains(expressions));
         // Each error once: 1, 2, 20.
         assert_eq!(of_them.count(), 3, "{table:#?}");
+    }
+
+    #[test]
+    fn messages_are_shown_once_with_the_line_before_them() {
+        let all = [(3, "[MSG:hello]"), (3, "ALARM:2"), (5, "[MSG:hello]")];
+        let end = [(9, "[MSG:Spindle speed is 0]"), (12, "[MSG:Pgm End]")];
+        let owned = |&(line, text): &(u64, &str)| (line, text.to_owned());
+        let all: Vec<_> = all.iter().chain(&end).map(owned).collect();
+        let expected = [
+            "2 × hello (after line 3)",
+            "Spindle speed is 0 (after line 9)",
+        ];
+        assert_eq!(messages(&all), expected);
+        let different = (0..100).map(|number| (number, format!("[MSG:{number}]")));
+        assert_eq!(messages(&different.collect::<Vec<_>>()).len(), CAUSES);
     }
 
     #[test]
