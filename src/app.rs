@@ -40,6 +40,8 @@ mod app {
         tasks::{self, Unlocked},
     };
 
+    // In place of RTIC's own, by the name that its generated code uses.
+    use crate::board::handlers as rtic;
     use crate::board::{
         self, ChipPlatform, SerialSession, StepInterrupt, host_clock,
         release::{PREPARE, await_idle, awaits_idle, end_round, released},

@@ -26,6 +26,7 @@ mod eeprom;
 mod fault;
 #[cfg(not(feature = "eeprom"))]
 mod flash;
+pub(crate) mod handlers;
 pub(crate) mod host_clock;
 mod image_check;
 mod inputs;

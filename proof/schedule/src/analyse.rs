@@ -170,6 +170,7 @@ impl<'a> Analysis<'a> {
         let (found, flaws) = findings::of_sections(system, &held, &contexts);
         report.sections = found;
         report.flaws.extend(flaws);
+        report.flaws.extend(findings::lowered_masks(system));
         let crosscheck = Crosscheck {
             image: system.image,
             functions: system.program.functions(),

@@ -3,7 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    Block, Count, Extent, Flaw, Function, Place, Report, Rule, Section, Stack, busy_waits, config,
+    Block, Count, Extent, Flaw, Function, Instruction, Operation, Place, Report, Rule, Section,
+    Stack, busy_waits, config,
+    graph::BASEPRI,
     library_flaws,
     sections::{Held, UNKNOWN_CEILING},
     stack::{self, Depths, FLOAT_FRAME_BYTES, FRAME_BYTES},
@@ -83,7 +85,7 @@ pub(crate) fn of_sections(
             let level = row.task.priority;
             row.times.is_some() && section.ceiling.is_none_or(|ceiling| ceiling >= level)
         });
-        if exempt.is_none() && is_relevant {
+        if exempt.is_none() && (is_relevant || section.escapes) {
             let wrong = match (section.ceiling, section.cycles) {
                 (Some(UNKNOWN_CEILING), _) => {
                     Some("begins with a priority that is not known: it may hold up all".to_owned())
@@ -121,6 +123,39 @@ pub(crate) fn of_sections(
             .then(one.place.cmp(&other.place))
     });
     (sections, flaws)
+}
+
+/// Reports writes of `BASEPRI` in what runs above priority 1 that neither raise it nor restore a value that was read
+/// from it: they would end a lock of a task that has been preempted. Nothing restores the register behind a handler.
+pub(crate) fn lowered_masks(system: &System<'_>) -> Vec<Flaw> {
+    let above = system.rows.iter().filter(|row| row.task.priority > 1);
+    let reached: BTreeSet<u32> = above
+        .flat_map(|row| system.program.reach(row.root))
+        .collect();
+    let functions = reached.iter().filter_map(|at| system.program.function(*at));
+    let lowers = |function: &Function, instruction: &Instruction| {
+        let is_write = matches!(
+            instruction.operation,
+            Operation::WriteSpecial {
+                register: BASEPRI,
+                ..
+            }
+        );
+        is_write && !function.saved.contains_key(&instruction.address)
+    };
+    let written = functions.flat_map(|function| {
+        let all = function.blocks.iter().flat_map(|it| &it.instructions);
+        all.filter(|instruction| lowers(function, instruction))
+    });
+    let flaw = |instruction: &Instruction| {
+        Flaw::new(
+            Rule::CriticalSection,
+            "`BASEPRI` is written with a value that was not read from it: a lock of a preempted task would end",
+            system.image.place(instruction.address),
+            "Lock an RTIC resource, which restores what was there.",
+        )
+    };
+    written.map(flaw).collect()
 }
 
 /// Reports code of a section whose time is unknown: waiting instructions, calls of pointers,

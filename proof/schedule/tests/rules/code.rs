@@ -85,6 +85,10 @@ in_receive! {
         "// wcet-bound: 1
             while BYTES[1].load(Relaxed) & 1 == 0 {}",
         "";
+    a_handler_that_ends_the_locks_of_others_is_refused: CriticalSection, "a lock of a preempted task would end",
+        "// SAFETY: it is not.
+            unsafe { cortex_m::register::basepri::write(0) };",
+        "";
     an_alias_of_a_bit_has_no_time: UncostedAccess, "an alias of a bit",
         "// SAFETY: the alias of a bit of a register of timer 2.
             unsafe { (0x4200_0200 as *mut u32).write_volatile(byte) };",

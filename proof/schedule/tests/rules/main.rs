@@ -267,13 +267,14 @@ fn a_loop_that_counts_and_reads_may_have_a_bound() {
 
 #[test]
 fn a_section_below_the_task_that_enters_it_is_caught() {
-    let code = "// SAFETY: it is the ceiling of `sum`.
-        unsafe { cortex_m::register::basepri::write(0xe0) };
+    let code = "let before = cortex_m::register::basepri::read();
+        // SAFETY: it is the ceiling of `sum`.
+        unsafe { cortex_m::register::basepri_max::write(0xe0) };
         device::write_pins(*cx.local.pins);
-        unsafe { cortex_m::register::basepri::write(0) };";
+        unsafe { cortex_m::register::basepri::write(before) };";
     let project = or_skip!(Project::new("from-above"));
     let project = project.replacing("device::write_pins(*cx.local.pins);", code);
-    let line = project.line("basepri::write(0xe0)");
+    let line = project.line("basepri_max::write(0xe0)");
     let flaws = project.flaws();
     let flaw = assert_caught(&flaws, Rule::CriticalSection, line..=line);
     assert!(flaw.what.contains("is entered by `step`"), "{}", flaw.what);
