@@ -164,7 +164,8 @@ fn lints_and_all_cases() -> Vec<Check> {
             wait(cargo(&["clippy", "--workspace", "--all-targets"]).args(["--", "-Dwarnings"]))
         }),
         plain("documentation of the library", || {
-            wait(&mut rustdoc("--lib"))
+            wait(&mut rustdoc("--lib"))?;
+            wait(&mut cargo(&["test", "--package=leadscrew", "--doc"]))
         }),
         plain("host tests, every case", || {
             let mut command = cargo(&["test", "--no-fail-fast", "--package=tests"]);
