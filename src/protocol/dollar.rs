@@ -212,6 +212,75 @@ impl From<SettingError> for LineError {
     }
 }
 
+/// A `$` statement as users write it, for the documents.
+#[derive(Debug)]
+pub struct Statement {
+    /// What is written, with names for what varies.
+    pub form: &'static str,
+    /// One example, without the `$`.
+    pub example: &'static str,
+    /// A state in which it is allowed.
+    pub condition: Condition,
+    /// How the answer to `$` shows it. A statement that Grbl does not have stays out of it: senders compare it.
+    pub help: Option<&'static str>,
+    /// What it does.
+    pub text: &'static str,
+}
+
+/// Declares every statement: its variant, its form, an example, a state, the help, and what it does.
+macro_rules! statements {
+    ($($pattern:pat => $form:literal, $example:literal, $condition:ident, $help:expr, $text:literal;)*) => {
+        /// Every `$` statement.
+        pub const STATEMENTS: &[Statement] = &[$(Statement {
+            form: $form,
+            example: $example,
+            condition: Condition::$condition,
+            help: $help,
+            text: $text,
+        }),*];
+
+        /// The example of a statement.
+        #[cfg(test)]
+        fn example_of(statement: &Dollar<'_>) -> &'static str {
+            match statement {
+                $($pattern => $example,)*
+            }
+        }
+    };
+}
+
+statements! {
+    Dollar::Help => "$", "", Idle, None, "lists the statements that Grbl has";
+    Dollar::List(List::Settings) => "$$", "$", Idle, Some("$$"), "lists the settings of Grbl with their values";
+    Dollar::List(List::AllSettings) => "$+", "+", Idle, None, "the same, and the settings that Grbl does not have";
+    Dollar::Assign(_) => "$n=value", "0=10", Idle, Some("$x=val"), "sets and stores a setting";
+    Dollar::List(List::Parameters) => "$#", "#", Idle, Some("$#"),
+        "lists the origins of the coordinate systems, `G28`, `G30`, `G92`, the tool length and the last probe contact";
+    Dollar::Modes => "$G", "G", Idle, Some("$G"), "shows the modes in effect, tool, feed and spindle speed";
+    Dollar::List(List::BuildInfo) => "$I", "I", Idle, Some("$I"), "shows version, text and options of the firmware";
+    Dollar::List(List::ExtendedBuildInfo) => "$I+", "I+", Idle, None,
+        "the same, with what is beyond Grbl, the board and the causes of restarts";
+    Dollar::StoreBuildInfo(_) => "$I=text", "I=TEXT", Idle, None, "stores the text that `$I` shows";
+    Dollar::List(List::StartupLines) => "$N", "N", Idle, Some("$N"), "lists the two startup lines";
+    Dollar::StoreStartup(..) => "$Nn=line", "N0=G21", Idle, Some("$Nx=line"),
+        "executes a line, and stores it to be executed at each start";
+    Dollar::Jog(_) => "$J=line", "J=X1F100", Idle, Some("$J=line"), "jogs: a move that can be cancelled";
+    Dollar::Check => "$C", "C", Idle, Some("$C"), "checks programs from now on and moves nothing; again, ends that with a reset";
+    Dollar::EndCheck => "$C", "C", Check, None, "ends that, with a reset";
+    Dollar::Unlock => "$X", "X", Alarm, Some("$X"), "ends the lock of an alarm; otherwise compensation, `G41` and `G42`";
+    Dollar::Home(_) => "$H, $HX", "H", Idle, Some("$H"), "homes all axes, or one";
+    Dollar::Sleep => "$SLP", "SLP", Idle, Some("$SLP"), "switches everything off until a reset";
+    Dollar::Restore(_) => "$RST=$, $RST=#, $RST=*", "RST=$", Idle, None,
+        "restores the defaults: of the settings, of origins and positions, of everything";
+    Dollar::List(List::Tools) => "$TT", "TT", Idle, None, "lists the tool table";
+    Dollar::SetTool(..) => "$TTn=words", "TT1=Z5", Idle, None,
+        "sets the lengths (`X` `Y` `Z`) and the diameter (`D`) of a tool; without words, removes it";
+    Dollar::List(List::Described(Described::Settings)) => "$ES", "ES", Idle, None, "describes the settings, for programs";
+    Dollar::List(List::Described(Described::Groups)) => "$EG", "EG", Idle, None, "describes the groups of settings";
+    Dollar::List(List::Described(Described::Errors)) => "$EE", "EE", Idle, None, "describes the errors";
+    Dollar::List(List::Described(Described::Alarms)) => "$EA", "EA", Idle, None, "describes the alarms";
+}
+
 #[cfg(test)]
 mod tests {
     use std::{string::String, vec::Vec};
@@ -289,49 +358,6 @@ mod tests {
         }
     }
 
-    /// Declares every statement: its pattern, its words, a state in which it is allowed, and how the
-    /// answer to `$` shows it.
-    macro_rules! statements {
-        ($($pattern:pat => $words:literal, $condition:ident, $help:expr;)*) => {
-            const STATEMENTS: &[(&str, Condition, Option<&str>)] =
-                &[$(($words, Condition::$condition, $help)),*];
-
-            fn words(statement: &Dollar<'_>) -> &'static str {
-                match statement {
-                    $($pattern => $words,)*
-                }
-            }
-        };
-    }
-
-    // A statement that Grbl does not have stays out of the answer to `$`, which senders compare.
-    statements! {
-        Dollar::Help => "", Idle, None;
-        Dollar::List(List::Settings) => "$", Idle, Some("$$");
-        Dollar::List(List::AllSettings) => "+", Idle, None;
-        Dollar::List(List::Parameters) => "#", Idle, Some("$#");
-        Dollar::List(List::BuildInfo) => "I", Idle, Some("$I");
-        Dollar::List(List::ExtendedBuildInfo) => "I+", Idle, None;
-        Dollar::List(List::StartupLines) => "N", Idle, Some("$N");
-        Dollar::List(List::Described(Described::Settings)) => "ES", Idle, None;
-        Dollar::List(List::Described(Described::Groups)) => "EG", Idle, None;
-        Dollar::List(List::Described(Described::Errors)) => "EE", Idle, None;
-        Dollar::List(List::Described(Described::Alarms)) => "EA", Idle, None;
-        Dollar::Modes => "G", Idle, Some("$G");
-        Dollar::StoreBuildInfo(_) => "I=TEXT", Idle, None;
-        Dollar::StoreStartup(..) => "N0=G21", Idle, Some("$Nx=line");
-        Dollar::Unlock => "X", Alarm, Some("$X");
-        Dollar::Check => "C", Idle, Some("$C");
-        Dollar::EndCheck => "C", Check, None;
-        Dollar::Home(_) => "H", Idle, Some("$H");
-        Dollar::Jog(_) => "J=X1F100", Idle, Some("$J=line");
-        Dollar::Sleep => "SLP", Idle, Some("$SLP");
-        Dollar::Restore(_) => "RST=$", Idle, None;
-        Dollar::List(List::Tools) => "TT", Idle, None;
-        Dollar::SetTool(..) => "TT1=Z5", Idle, None;
-        Dollar::Assign(_) => "0=10", Idle, Some("$x=val");
-    }
-
     #[test]
     fn every_statement_is_read_from_its_words_and_shown_in_the_help() {
         let settings = Settings {
@@ -347,11 +373,12 @@ mod tests {
             .split(' ')
             .filter(|word| word.starts_with('$'))
             .collect();
-        for &(text, condition, help) in STATEMENTS {
-            let read = Dollar::read(text.as_bytes(), condition, &settings, false);
-            let read = read.map(|statement| words(&statement));
+        for statement in STATEMENTS {
+            let text = statement.example;
+            let read = Dollar::read(text.as_bytes(), statement.condition, &settings, false);
+            let read = read.map(|statement| example_of(&statement));
             assert_eq!(read, Ok(text), "add the words ${text} to `Dollar::read`");
-            if let Some(help) = help {
+            if let Some(help) = statement.help {
                 assert!(shown.contains(&help), "add {help} to `listing::help`");
                 shown.retain(|word| *word != help);
             }

@@ -21,7 +21,7 @@ mod utf8_requests;
 pub use bytes::{ByteCount, ByteReader, ByteRing, ByteWriter, Bytes, Waiting};
 pub use checked::{Emergency, FailedCheck, MAX_NUMBER, RAW_BYTES, RawLine, Verdict};
 pub use dialect::Dialect;
-pub use dollar::{Condition, Described, Dollar, List};
+pub use dollar::{Condition, Described, Dollar, List, STATEMENTS, Statement};
 pub use incoming::{Incoming, IncomingWriter};
 pub use line::{LINE_BYTES, Line, TooLong};
 pub use realtime::DamagedByte;

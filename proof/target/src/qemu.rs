@@ -101,23 +101,31 @@ pub(crate) fn play(
     host.wait_for_standstill()?;
     let Host {
         emulator,
-        mut figures,
+        figures,
         state,
         ..
     } = host;
-    add_pins(&mut figures, &emulator.pins()?, state, &loaded.settings);
-    Ok(figures)
+    let pins = emulator.pins()?;
+    Ok(with_pins(figures, &pins, state, &loaded.settings))
 }
 
-/// What the pins did, as figures.
-fn add_pins(figures: &mut Figures, pins: &Pins, state: String, settings: &Settings) {
-    figures.end = Final::new(state, &pins.steps, settings);
-    figures.steps_axis.clone_from(&pins.pulses);
-    figures.motion_time_s = pins.motion_time_s;
-    figures.events = pins.events;
-    // The emulated timer does not go on before the step interrupt has run.
-    figures.late = 0;
-    figures.event_hash = format!("{:016x}", pins.hash);
+/// The figures of what was answered, with what the pins did.
+fn with_pins(answered: Figures, pins: &Pins, state: String, settings: &Settings) -> Figures {
+    Figures {
+        end: Final::new(state, &pins.steps, settings),
+        steps_axis: pins.pulses.clone(),
+        motion_time_s: pins.motion_time_s,
+        events: pins.events,
+        // The emulated timer does not go on before the step interrupt has run.
+        late: 0,
+        event_hash: format!("{:016x}", pins.hash),
+        lines: answered.lines,
+        responses: answered.responses,
+        messages: answered.messages,
+        times: answered.times,
+        refusals: answered.refusals,
+        foreign_line: answered.foreign_line,
+    }
 }
 
 /// The sender's side of a run.

@@ -42,18 +42,24 @@ enum Recording {
 /// One comparison.
 #[derive(Debug, Serialize)]
 struct Outcome {
+    /// The folder or the file of the recording.
     category: String,
     /// The program, or the name of the exchange.
     program: String,
+    /// The settings that the recording was made with.
     #[serde(skip_serializing_if = "String::is_empty")]
     settings: String,
     /// Lines compared; 1 for what is compared as a whole.
     rows: usize,
+    /// How it came out.
     verdict: Verdict,
+    /// Motion time here, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     motion_time_s: Option<f64>,
+    /// Motion time of the recording, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     recorded_motion_time_s: Option<f64>,
+    /// What differs.
     differences: Vec<Difference>,
 }
 

@@ -322,7 +322,13 @@ fn figures(simulator: &Simulator, statistics: &StepStatistics) -> Figures {
         events: statistics.events,
         late: simulator.late().into(),
         event_hash: format!("{:016x}", statistics.hash),
-        ..Figures::default()
+        // Of these the caller knows.
+        lines: 0,
+        responses: Responses::default(),
+        messages: Vec::new(),
+        times: JobTimes::default(),
+        refusals: Refusals::default(),
+        foreign_line: None,
     }
 }
 

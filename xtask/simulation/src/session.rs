@@ -83,9 +83,12 @@ struct Replayed {
 /// What a replay adds to a session.
 #[derive(Debug, Default, Serialize)]
 struct Results {
+    /// Lines that arrived at power-up.
     boot: Vec<String>,
+    /// Where the machine ended.
     #[serde(rename = "final", skip_serializing_if = "Option::is_none")]
     end: Option<End>,
+    /// Changes of outputs and switches.
     aux_events: Vec<Event>,
     /// Why not all of it could be replayed.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -24,17 +24,22 @@ pub(super) enum Verdict {
 /// A part of a check.
 #[derive(Debug, Serialize)]
 pub(super) struct Item {
+    /// What is looked at.
     pub(super) name: String,
+    /// The value that it must have.
     pub(super) expected: String,
     /// The measured value, or the reason for a missing one.
     pub(super) measured: String,
+    /// Whether it has.
     pub(super) verdict: Verdict,
 }
 
 /// A check.
 #[derive(Debug, Serialize)]
 pub(super) struct Check {
+    /// What it is about.
     pub(super) title: &'static str,
+    /// Its parts.
     pub(super) items: Vec<Item>,
 }
 

@@ -18,15 +18,21 @@ const DIGEST: &str = "sha256";
 /// The report.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
+    /// Name of the board.
     board: String,
+    /// Name of the chip.
     part: String,
+    /// Whether it is an emulator or a model.
     is_emulated: bool,
     /// The number that no other chip has; none in the emulator.
     unique_number: Option<String>,
     /// Digest of the program.
     image_sha256: String,
+    /// That of all checks.
     verdict: Verdict,
+    /// The checks, in their order.
     checks: Vec<Check>,
+    /// What was measured, by name.
     facts: Facts,
 }
 

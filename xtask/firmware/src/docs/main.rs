@@ -1,5 +1,6 @@
 //! `cargo xtask docs`: the documents that are made from the code's tables.
 
+mod json;
 mod pins;
 mod tables;
 
@@ -15,6 +16,7 @@ use leadscrew::{
         codes::{CODES, CodeGroup},
     },
     model::Alarm,
+    protocol::{Condition, Dollar, STATEMENTS},
     settings::{DataType, Kind, Setting, Settings, StepRate, Value, assign},
 };
 use simulation::{meaning, proven};
@@ -23,10 +25,12 @@ use simulation::{meaning, proven};
 type Document = (&'static str, fn() -> Result<String>);
 
 /// Every document that this program makes.
-const DOCUMENTS: [Document; 4] = [
+const DOCUMENTS: [Document; 6] = [
     ("docs/gcodes.md", codes_table),
     ("docs/settings.md", settings_table),
     ("docs/errors.md", errors_table),
+    ("docs/statements.md", statements_table),
+    ("docs/json.md", json::document),
     ("docs/pins.md", pins::table),
 ];
 /// The document that another tool makes, and compares in a test of its own.
@@ -399,6 +403,50 @@ fn errors_table() -> Result<String> {
     for alarm in Alarm::ALL {
         let remedy = meaning::remedy_of_alarm(alarm);
         writeln!(text, "| {} | {} | {remedy} |", alarm.number(), alarm.text())?;
+    }
+    Ok(text)
+}
+
+fn statements_table() -> Result<String> {
+    const STATES: [(Condition, &str); 5] = [
+        (Condition::Idle, "at rest"),
+        (Condition::Run, "in motion"),
+        (Condition::Jog, "in a jog"),
+        (Condition::Check, "in check mode"),
+        (Condition::Alarm, "locked"),
+    ];
+    let mut text = String::from(
+        "# `$` statements\n\n\
+         Made from the table in `src/protocol/dollar.rs` by `cargo xtask docs`, with what the firmware answers in each state:\n\
+         ✓, or the number of the error ([what they mean](errors.md)). Homing is on, and the door closed. The settings of\n\
+         `$n=value` have [a page of their own](settings.md), the tools [another](tool-lengths.md).\n\n| statement | what it does |",
+    );
+    for (_, name) in STATES {
+        write!(text, " {name} |")?;
+    }
+    writeln!(text, "\n|---|---|{}", "---|".repeat(STATES.len()))?;
+    let settings = Settings {
+        homing: 1,
+        ..Settings::default()
+    };
+    // What ends check mode is what begins it.
+    for row in STATEMENTS
+        .iter()
+        .filter(|row| row.condition != Condition::Check)
+    {
+        let forms: Vec<_> = row
+            .form
+            .split(", ")
+            .map(|form| format!("`{form}`"))
+            .collect();
+        write!(text, "| {} | {} |", forms.join(", "), row.text)?;
+        for (condition, _) in STATES {
+            match Dollar::read(row.example.as_bytes(), condition, &settings, false) {
+                Ok(_) => text.push_str(" ✓ |"),
+                Err(error) => write!(text, " {} |", error.number())?,
+            }
+        }
+        text.push('\n');
     }
     Ok(text)
 }

@@ -3,7 +3,7 @@
 use leadscrew::model::{Outputs, Spindle};
 use serde::{Deserialize, Serialize};
 
-/// A signal that has changed.
+/// A signal that has changed: when, s; its name; to what level.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Event(
     /// When, s.

@@ -63,9 +63,11 @@ fn in_steps(settings: &Settings, axis: usize, mm: f64) -> i32 {
 /// Where both sides of a gantry stand at the end.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Sides {
+    /// Its letter.
     axis: char,
-    /// The first motor, where the machine believes the axis to be, and the second one, mm.
+    /// The first motor, where the machine believes the axis to be, mm.
     first_mm: f64,
+    /// The second motor, mm.
     second_mm: f64,
     /// How far the second one is ahead at power-up and in the end, steps.
     ahead_steps: [i32; 2],

@@ -74,8 +74,9 @@ pub(crate) struct AxisQuality {
     pub(crate) interval_error: IntervalError,
     #[serde(flatten)]
     pub(crate) smoothness: Smoothness,
-    /// The limits of the axis; the jerk limit where a setting other than 0 exists.
+    /// The greatest acceleration that is set, mm/s².
     pub(crate) acceleration_limit_mm_s2: f64,
+    /// The greatest jerk that is set, mm/s³; null for none.
     pub(crate) jerk_limit_mm_s3: Option<f64>,
 }
 

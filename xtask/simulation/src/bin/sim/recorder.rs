@@ -49,8 +49,10 @@ struct Drawing {
 struct Measured {
     #[serde(flatten)]
     figures: Figures,
+    /// The gantries, with `--second`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     second_motors: Vec<Sides>,
+    /// How good the motion is, with `--quality`.
     #[serde(skip_serializing_if = "Option::is_none")]
     quality: Option<Quality>,
 }

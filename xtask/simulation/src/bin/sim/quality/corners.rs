@@ -49,8 +49,9 @@ pub(crate) struct Corners {
     pub(crate) measured: u64,
     /// Number of corners that were rounded.
     pub(crate) rounded: u64,
-    /// Least and greatest speed, mm/s.
+    /// Least speed, mm/s.
     pub(crate) slowest_mm_s: Option<f64>,
+    /// Greatest speed, mm/s.
     pub(crate) fastest_mm_s: Option<f64>,
     /// The greatest ratio of the speed in a corner to its allowed speed.
     ///
