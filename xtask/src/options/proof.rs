@@ -51,6 +51,17 @@ pub struct Schedule {
     /// Where the faults go: which functions are drawn
     #[arg(long, value_name = "N", default_value = "1", requires = "mutants")]
     pub seed: u64,
+    /// Take marks for the optimiser out of a copy of the firmware, and tell which of them a proven rate, the size of
+    /// the image or the proof needs; of files whose names begin so. With --write, take the others out
+    #[arg(
+        long,
+        value_name = "PREFIX",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "src/",
+        conflicts_with_all = ["elf", "step_rate", "baud", "json", "html", "check", "replay", "mutants"]
+    )]
+    pub marks: Option<String>,
     /// Print the loops of tasks without a deadline that nothing counts, with what ends them
     #[arg(long, conflicts_with_all = ["write", "check", "replay", "mutants"])]
     pub loops: bool,

@@ -5,8 +5,10 @@
 
 mod document;
 mod instant;
+mod marks;
 mod mutants;
 mod page;
+mod project_copy;
 #[cfg(test)]
 mod sample;
 mod text;
@@ -43,6 +45,10 @@ fn run(options: &Options) -> Result<ExitCode> {
         } else {
             ExitCode::FAILURE
         });
+    }
+    if let Some(prefix) = &options.marks {
+        marks::run(&board, prefix, options.write)?;
+        return Ok(ExitCode::SUCCESS);
     }
     let elf = match &options.elf {
         Some(elf) => elf.to_path_buf(),

@@ -11,23 +11,15 @@
 mod fault;
 mod site;
 
-use std::{
-    cmp::Reverse,
-    collections::BTreeMap,
-    env,
-    fmt::Write as _,
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{cmp::Reverse, collections::BTreeMap, env, fmt::Write as _, fs, path::PathBuf};
 
 use anstream::println;
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow};
 use common::{cargo, ui};
 use firmware::boards::Board;
-use object::{Object, ObjectSegment};
-use schedule::{Clock, Input, Report};
 use serde::{Deserialize, Serialize};
 
+use crate::project_copy::{self, ProjectCopy};
 use fault::{FAULTS, Fault};
 use site::{Draw, Site};
 
@@ -35,8 +27,6 @@ use site::{Draw, Site};
 const TEXT: &str = "docs/scheduling.md";
 const BEGIN: &str = "<!-- begin: cargo xtask schedule --mutants --write -->\n";
 const END: &str = "<!-- end of mutants -->\n";
-/// Entries at the top of the project that are not compiled.
-const NOT_COPIED: [&str; 2] = ["target", ".git"];
 
 /// The outcome of a mutant.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -88,7 +78,8 @@ pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result
     let table = table(&tallies);
     println!("{table}");
     if write {
-        show(&table, count, seed)?;
+        let body = format!("{count} mutants, drawn with the seed {seed}:\n\n{table}");
+        project_copy::show(TEXT, BEGIN, END, &body)?;
     }
     Ok(tallies.iter().all(|tally| tally.survivors.is_empty()))
 }
@@ -121,97 +112,47 @@ fn name(fault: &Fault, site: &Site) -> String {
 
 /// A copy of the project, and what is known of its mutants.
 struct MutantBuilder<'a> {
-    board: &'a Board,
-    clock: Clock,
-    folder: PathBuf,
+    copy: ProjectCopy<'a>,
     /// The firmware's own code.
     base: Vec<u8>,
-    elf: PathBuf,
     known: BTreeMap<String, Outcome>,
     kept: PathBuf,
 }
 
 impl<'a> MutantBuilder<'a> {
     fn new(board: &'a Board) -> Result<Self> {
-        cargo::need_target()?;
         let place = cargo::target_dir().join("mutants");
-        let folder = place.join("source");
-        let _ = fs::remove_dir_all(&folder);
-        copy(cargo::root(), &folder)?;
-        let mut new = Self {
-            board,
-            clock: crate::clock(board)?,
-            folder,
-            base: Vec::new(),
-            elf: place.join("mutant.elf"),
-            known: BTreeMap::new(),
-            kept: PathBuf::new(),
-        };
-        ensure!(new.build()?, "the firmware cannot be built");
-        new.base = code(&new.elf)?;
-        ensure!(
-            new.analyse()?.flaws.is_empty(),
-            "the firmware is not proven"
-        );
+        let copy = ProjectCopy::new(board, &place)?;
+        let base = copy.code()?;
         let tool = fs::read(env::current_exe()?)?;
-        let proof = fs::read(new.folder.join("schedule.toml"))?;
-        let parts = [new.base.as_slice(), &tool, &proof];
+        let proof = fs::read(copy.folder.join("schedule.toml"))?;
+        let parts = [base.as_slice(), &tool, &proof];
         let digest = hmac_sha256::Hash::hash(&parts.concat());
         let name = digest.iter().take(8).fold(String::new(), |mut name, byte| {
             // Writing to a string never fails.
             let _ = write!(name, "{byte:02x}");
             name
         });
-        new.kept = place.join(name).with_extension("json");
-        if let Ok(text) = fs::read_to_string(&new.kept) {
-            new.known =
-                serde_json::from_str(&text).context("what is known of mutants is damaged")?;
-        }
-        Ok(new)
+        let kept = place.join(name).with_extension("json");
+        let known = match fs::read_to_string(&kept) {
+            Ok(text) => {
+                serde_json::from_str(&text).context("what is known of mutants is damaged")?
+            }
+            Err(_) => BTreeMap::new(),
+        };
+        Ok(Self {
+            copy,
+            base,
+            known,
+            kept,
+        })
     }
 
     /// The functions that tasks run.
     fn sites(&self) -> Result<Vec<Site>> {
-        let lines = schedule::lines_of_tasks(&self.input()).map_err(|error| anyhow!("{error}"))?;
-        site::all(&self.folder, &lines)
-    }
-
-    fn input(&self) -> Input<'_> {
-        Input {
-            elf: &self.elf,
-            root: &self.folder,
-            board: &self.board.name,
-            features: &[],
-            clock: self.clock,
-            axes: cargo::axes(),
-            step_rate_hz: None,
-            baud: None,
-            measured: None,
-        }
-    }
-
-    fn analyse(&self) -> Result<Report> {
-        schedule::analyse(&self.input()).map_err(|error| anyhow!("{error}"))
-    }
-
-    /// Has Cargo build the copy; whether it can be.
-    fn build(&self) -> Result<bool> {
-        let mut command = cargo::cargo(&["build", "--quiet", "--release", "--bin", "leadscrew"]);
-        // A folder of its own: nobody is to flash a mutant that lies where the firmware does.
-        let target = self.target();
-        self.board.compile_into(&target, &mut command);
-        let output = command.current_dir(&self.folder).output();
-        if !output.context("cannot start Cargo")?.status.success() {
-            return Ok(false);
-        }
-        let built = target.join(cargo::TARGET).join("release/leadscrew");
-        fs::copy(built, &self.elf)?;
-        Ok(true)
-    }
-
-    /// Where Cargo builds the copies.
-    fn target(&self) -> PathBuf {
-        self.elf.with_file_name("build")
+        let input = self.copy.input();
+        let lines = schedule::lines_of_tasks(&input).map_err(|error| anyhow!("{error}"))?;
+        site::all(&self.copy.folder, &lines)
     }
 
     /// Returns the outcome of a mutant, known or new.
@@ -241,8 +182,8 @@ impl<'a> MutantBuilder<'a> {
         }
         let faults = next.iter().map(|(_, _, fault)| fault.clone()).collect();
         let report = self.inserted(faults, |mutant| {
-            let is_built = mutant.build()?;
-            is_built.then(|| mutant.analyse()).transpose()
+            let is_built = mutant.copy.build()?;
+            is_built.then(|| mutant.copy.analyse()).transpose()
         })?;
         let flaws = report.map_or(Vec::new(), |report| report.flaws);
         for (rule, name, _) in next {
@@ -264,7 +205,7 @@ impl<'a> MutantBuilder<'a> {
         faults.sort_by_key(|(site, _)| Reverse(site.place()));
         let mut texts = BTreeMap::new();
         for (site, code) in &faults {
-            let path = self.folder.join(&site.file);
+            let path = self.copy.folder.join(&site.file);
             let text = fs::read_to_string(&path)?;
             fs::write(&path, site.with(&text, code))?;
             texts.entry(path).or_insert(text);
@@ -282,51 +223,18 @@ impl<'a> MutantBuilder<'a> {
     }
 
     fn try_out(&self) -> Result<Outcome> {
-        if !self.build()? {
+        if !self.copy.build()? {
             return Ok(Outcome::Unbuilt);
         }
-        if code(&self.elf)? == self.base {
+        if self.copy.code()? == self.base {
             return Ok(Outcome::Equal);
         }
-        let report = self.analyse()?;
+        let report = self.copy.analyse()?;
         Ok(match report.flaws.first() {
             Some(flaw) => Outcome::Detected(flaw.what.clone()),
             None => Outcome::Survived,
         })
     }
-}
-
-/// The flashed bytes of a program.
-fn code(elf: &Path) -> Result<Vec<u8>> {
-    let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
-    let file = object::File::parse(&*bytes)
-        .with_context(|| format!("{} is no ELF file", elf.display()))?;
-    let mut code = Vec::new();
-    for segment in file.segments() {
-        code.extend_from_slice(segment.data()?);
-    }
-    Ok(code)
-}
-
-/// Copies a folder of the project.
-fn copy(from: &Path, to: &Path) -> Result<()> {
-    fs::create_dir_all(to)?;
-    for entry in fs::read_dir(from)? {
-        let entry = entry?;
-        let (name, path) = (entry.file_name(), entry.path());
-        // Cargo reads the settings of all folders above, and those of two would be added up.
-        let is_below = name == ".cargo" && to.starts_with(cargo::root());
-        let is_left = is_below || NOT_COPIED.iter().any(|not| name == *not);
-        if is_left && from == cargo::root() {
-            continue;
-        }
-        if path.is_dir() {
-            copy(&path, &to.join(name))?;
-        } else {
-            fs::copy(&path, to.join(name))?;
-        }
-    }
-    Ok(())
 }
 
 /// The results by the kind of fault.
@@ -345,21 +253,6 @@ fn table(tallies: &[Tally]) -> String {
     });
     let rows: String = rows.collect();
     format!("| fault | detected | not detected |\n|---|---|---|\n{rows}")
-}
-
-/// Puts the table into the document.
-fn show(table: &str, count: usize, seed: u64) -> Result<()> {
-    let path = cargo::root().join(TEXT);
-    let text = fs::read_to_string(&path).with_context(|| format!("cannot read {TEXT}"))?;
-    let parts = text.split_once(BEGIN).and_then(|(head, rest)| {
-        let (_, tail) = rest.split_once(END)?;
-        Some((head, tail))
-    });
-    let (head, tail) = parts.with_context(|| format!("{TEXT} has no line {BEGIN}"))?;
-    let body = format!("{count} mutants, drawn with the seed {seed}:\n\n{table}");
-    fs::write(&path, format!("{head}{BEGIN}{body}{END}{tail}"))?;
-    ui::status("Written", TEXT);
-    Ok(())
 }
 
 #[cfg(test)]

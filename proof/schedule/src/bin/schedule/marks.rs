@@ -1,0 +1,297 @@
+//! Marks for the optimiser, and what each is for.
+//!
+//! Marks are taken out of a copy of the firmware, many at a time and in halves where that changes something, and the
+//! copy is built and proven. What is left are those without which a proven rate falls, the image grows, or the proof
+//! does not find what `schedule.toml` names. With `--write` the others are taken out of the sources.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt::Write as _,
+    fs,
+    path::Path,
+};
+
+use anstream::println;
+use anyhow::{Context, Result};
+use common::{cargo, text::separated, ui};
+use firmware::boards::Board;
+use schedule::{Report, SourceFile};
+
+use crate::project_copy::{self, ProjectCopy};
+
+/// Where the documents show what was found.
+const TEXT: &str = "docs/marks.md";
+const BEGIN: &str = "<!-- begin: cargo xtask schedule --marks --write -->\n";
+const END: &str = "<!-- end of marks -->\n";
+/// Part of a proven rate that all that is taken out together may cost.
+const LEAST_RATE: f64 = 0.99;
+/// Bytes by which the image may grow where marks are taken out.
+const MOST_GROWTH: usize = 512;
+/// What counts as a mark, alone in its line.
+const MARKS: [&str; 4] = [
+    "#[inline]",
+    "#[inline(always)]",
+    "#[inline(never)]",
+    "#[cold]",
+];
+
+/// A mark: its file from the root of the project, its line from 0, and its text.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+struct Mark {
+    file: String,
+    line: usize,
+    text: &'static str,
+}
+
+/// What a firmware is measured by.
+struct Figures {
+    rates: BTreeMap<String, u32>,
+    bytes: usize,
+}
+
+/// Takes marks out of a copy.
+struct Trial<'a> {
+    copy: ProjectCopy<'a>,
+    base: Figures,
+    /// The bytes of the copy as it is now.
+    bytes: usize,
+    sources: BTreeMap<String, String>,
+    removed: BTreeSet<Mark>,
+    /// Those that stay, and why.
+    kept: BTreeMap<Mark, String>,
+    tried: usize,
+}
+
+/// Finds out what each mark in files whose names begin so is for.
+pub(super) fn run(board: &Board, prefix: &str, write: bool) -> Result<()> {
+    let copy = ProjectCopy::new(board, &cargo::target_dir().join("marks"))?;
+    let base = Figures {
+        rates: copy.analyse()?.proven_step_rate_hz,
+        bytes: copy.code()?.len(),
+    };
+    let files = SourceFile::all(&copy.folder).map_err(anyhow::Error::msg)?;
+    let files = files
+        .into_iter()
+        .filter(|file| file.name.starts_with(prefix));
+    let sources: BTreeMap<_, _> = files.map(|file| (file.name, file.text)).collect();
+    let marks: Vec<Mark> = sources
+        .iter()
+        .flat_map(|(file, text)| marks(file, text))
+        .collect();
+    ui::status("Found", &format!("{} marks", separated(marks.len() as u64)));
+    let mut trial = Trial {
+        copy,
+        bytes: base.bytes,
+        base,
+        sources,
+        removed: BTreeSet::new(),
+        kept: BTreeMap::new(),
+        tried: 0,
+    };
+    // Those of one kind in one folder mostly have one reason.
+    let folder = |mark: &Mark| {
+        let name = Path::new(&mark.file).iter().nth(1);
+        name.map(|it| it.to_string_lossy().into_owned())
+    };
+    let mut groups: BTreeMap<_, Vec<Mark>> = BTreeMap::new();
+    for mark in marks {
+        groups
+            .entry((mark.text, folder(&mark)))
+            .or_default()
+            .push(mark);
+    }
+    for group in groups.values() {
+        trial.reduce(group)?;
+    }
+    let table = trial.table();
+    println!("\n{table}");
+    if write {
+        let root = cargo::root();
+        for (file, text) in &trial.sources {
+            let text = without(
+                text,
+                trial.removed.iter().filter(|mark| mark.file == *file),
+                "",
+            );
+            fs::write(root.join(file), text).with_context(|| format!("cannot write {file}"))?;
+        }
+        project_copy::show(TEXT, BEGIN, END, &table)?;
+    }
+    Ok(())
+}
+
+/// The marks of a source.
+fn marks(file: &str, text: &str) -> Vec<Mark> {
+    let lines = text.lines().enumerate();
+    let found = lines.filter_map(|(line, text)| {
+        let text = MARKS.into_iter().find(|mark| *mark == text.trim())?;
+        let file = file.to_owned();
+        Some(Mark { file, line, text })
+    });
+    found.collect()
+}
+
+/// A source without some marks, and without the words that excuse them; `instead` stands in each line.
+fn without<'a>(text: &str, marks: impl Iterator<Item = &'a Mark>, instead: &str) -> String {
+    let removed: BTreeSet<usize> = marks.map(|mark| mark.line).collect();
+    let mut kept = String::new();
+    let mut is_excuse = false;
+    for (number, line) in text.lines().enumerate() {
+        let begins_excuse = removed.contains(&number.wrapping_sub(1))
+            && text
+                .lines()
+                .nth(number)
+                .is_some_and(|it| it.trim_start().starts_with("#[expect("))
+            && text
+                .lines()
+                .skip(number)
+                .take(3)
+                .any(|it| it.contains("clippy::inline_always"));
+        is_excuse |= begins_excuse;
+        if is_excuse || removed.contains(&number) {
+            is_excuse &= !line.trim_end().ends_with(")]");
+            kept.push_str(instead);
+        } else {
+            kept.push_str(line);
+            kept.push('\n');
+        }
+    }
+    kept
+}
+
+impl Trial<'_> {
+    /// Takes out all of some marks, or each half of them by itself.
+    fn reduce(&mut self, marks: &[Mark]) -> Result<()> {
+        let Some(reason) = self.try_without(marks)? else {
+            let what = format!("{} of {}", marks.len(), marks[0].file);
+            ui::status("Removed", &format!("{} {what}", marks[0].text));
+            return Ok(());
+        };
+        if let [mark] = marks {
+            ui::status(
+                "Kept",
+                &format!("{} {}:{}: {reason}", mark.text, mark.file, mark.line + 1),
+            );
+            self.kept.insert(mark.clone(), reason);
+            return Ok(());
+        }
+        let (first, second) = marks.split_at(marks.len() / 2);
+        self.reduce(first)?;
+        self.reduce(second)
+    }
+
+    /// Takes out marks besides those that are out; why they have to stay, if they have.
+    fn try_without(&mut self, marks: &[Mark]) -> Result<Option<String>> {
+        self.tried += 1;
+        let mut removed = self.removed.clone();
+        removed.extend(marks.iter().cloned());
+        self.write(&removed)?;
+        if !self.copy.build()? {
+            return Ok(Some("does not compile".into()));
+        }
+        let bytes = self.copy.code()?.len();
+        let reason = match self.copy.analyse() {
+            Ok(report) => self.reason(&report, bytes),
+            Err(error) => Some(first_line(&error.to_string())),
+        };
+        if reason.is_none() {
+            self.removed = removed;
+            self.bytes = bytes;
+        }
+        Ok(reason)
+    }
+
+    /// Why a firmware is worse than with all marks.
+    fn reason(&self, report: &Report, bytes: usize) -> Option<String> {
+        if let Some(flaw) = report.flaws.first() {
+            return Some(format!("the proof: {}", first_line(&flaw.what)));
+        }
+        for (baud, rate) in &report.proven_step_rate_hz {
+            let before = self.base.rates.get(baud).copied().unwrap_or_default();
+            if f64::from(*rate) < LEAST_RATE * f64::from(before) {
+                return Some(format!(
+                    "{} steps/s in place of {} at {baud} baud",
+                    separated((*rate).into()),
+                    separated(before.into())
+                ));
+            }
+        }
+        let growth = bytes.saturating_sub(self.bytes);
+        (growth > MOST_GROWTH).then(|| format!("{} bytes more", separated(growth as u64)))
+    }
+
+    /// Writes the sources of the copy without some marks. Lines keep their numbers.
+    fn write(&self, removed: &BTreeSet<Mark>) -> Result<()> {
+        for (file, text) in &self.sources {
+            let marks = removed.iter().filter(|mark| mark.file == *file);
+            let path = self.copy.folder.join(file);
+            let text = without(text, marks, "\n");
+            // Cargo looks at the time of a file.
+            if fs::read_to_string(&path)? != text {
+                fs::write(&path, text)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn table(&self) -> String {
+        let mut text = format!(
+            "{} marks were taken out in {} trials, {} stay:\n\n| where | mark | without it |\n|---|---|---|\n",
+            self.removed.len(),
+            self.tried,
+            self.kept.len()
+        );
+        for (mark, reason) in &self.kept {
+            // Writing to a string never fails.
+            let _ = writeln!(
+                text,
+                "| `{}`, before `{}` | `{}` | {reason} |",
+                mark.file,
+                self.item(mark),
+                mark.text
+            );
+        }
+        text
+    }
+
+    /// The beginning of what a mark stands before.
+    fn item(&self, mark: &Mark) -> String {
+        let text = self.sources.get(&mark.file).map_or("", String::as_str);
+        let mut lines = text.lines().skip(mark.line + 1).map(str::trim);
+        let item = lines.find(|line| line.contains("fn "));
+        let item = item
+            .and_then(|line| line.split_once("fn "))
+            .map_or("", |(_, name)| name);
+        item.split(['(', '<']).next().unwrap_or_default().to_owned()
+    }
+}
+
+/// The first line of a text.
+fn first_line(text: &str) -> String {
+    text.lines().next().unwrap_or_default().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SOURCE: &str = "/// A.\n#[inline(always)]\n#[expect(clippy::inline_always, reason = \"hot\")]\nfn a() {}\n\
+                          \n#[inline]\nfn b() {}\n#[inline(always)]\n#[expect(\n    clippy::inline_always,\n    \
+                          reason = \"hot\"\n)]\nfn c() {}\n";
+
+    #[test]
+    fn marks_are_taken_out_with_what_excuses_them() {
+        let found = marks("a.rs", SOURCE);
+        let lines: Vec<_> = found.iter().map(|mark| (mark.line, mark.text)).collect();
+        let always = "#[inline(always)]";
+        assert_eq!(lines, [(1, always), (5, "#[inline]"), (7, always)]);
+        assert_eq!(
+            without(SOURCE, found.iter(), ""),
+            "/// A.\nfn a() {}\n\nfn b() {}\nfn c() {}\n"
+        );
+        assert_eq!(without(SOURCE, found[..0].iter(), ""), SOURCE);
+        let blank = without(SOURCE, found[1..].iter(), "\n");
+        assert_eq!(blank.lines().count(), SOURCE.lines().count());
+        assert!(blank.contains("#[inline(always)]\n#[expect"));
+    }
+}
