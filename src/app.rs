@@ -44,8 +44,9 @@ mod app {
     use crate::board::handlers as rtic;
     use crate::board::{
         self, ChipPlatform, SerialSession, StepInterrupt, host_clock,
-        release::{PREPARE, await_idle, awaits_idle, end_round, released},
+        release::{await_idle, awaits_idle, end_round, released},
         trace,
+        vectors::PREPARE,
     };
 
     #[shared]

@@ -3,8 +3,7 @@
 //! The program is the firmware's own board folder without its tasks: clocks, step timer, USART, fault handlers
 //! and watchdog are those files, compiled once more. It measures, and judges nothing: each fact is a line of
 //! a name and a number, which `proof/target/src/bring_up/` reads. Faults end in a reset each, so the facts are
-//! in memory that outlives it, and go to RTT channel 0 at the end, or by semihosting in the emulator. There
-//! the program runs where its folder has a file `bring-up`.
+//! in memory that outlives it, and go to RTT channel 0 at the end, or by semihosting in the emulator.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(not(target_os = "none"))]

@@ -13,7 +13,10 @@ use stm32f4xx_hal::{
     time::Hertz,
 };
 
-use super::{TIMERS_MHZ, chosen::WIRING, crystal, emulation, flash_access, pac};
+use super::{
+    chosen::{TIMERS_MHZ, WIRING, flash_access},
+    crystal, pac,
+};
 
 const _: () = assert!(
     WIRING.core_hz == 2 * TICKS_PER_SECOND,
@@ -43,16 +46,12 @@ pub(super) struct Clocks {
 pub(super) fn start(mut rcc: Rcc, flash: &pac::FLASH) -> Clocks {
     // SAFETY: the flag is only read, and the field of the voltage is written here alone, before tasks run.
     let power = unsafe { &*pac::PWR::ptr() };
-    let is_emulated = emulation::is_emulated();
-    let fault = if is_emulated {
-        None
-    } else if power.csr().read().pvdo().bit_is_set() {
+    let fault = if power.csr().read().pvdo().bit_is_set() {
         Some(SelfTestFault::LowSupply)
     } else {
         crystal::start(&mut rcc).err()
     };
-    // The emulator's PLL would never report ready: its clocks stay as they are.
-    if !is_emulated && fault.is_none() {
+    if fault.is_none() {
         raise_voltage(power);
         rcc = rcc.freeze(from_crystal().sysclk(Hertz::from_raw(WIRING.core_hz)));
         await_pll(&rcc);

@@ -1,6 +1,6 @@
 //! The timer of the delay that `prepare` asks for: TIM9, whose vector the task binds.
 
-use super::{TIMERS_MHZ, emulation, pac};
+use super::{chosen::TIMERS_MHZ, pac};
 
 /// Counts of the timer in a millisecond: its prescaler has 16 bits.
 const COUNTS_PER_MS: u16 = 4;
@@ -26,9 +26,6 @@ impl DelayTimer {
     /// interrupt.
     #[inline]
     pub(crate) fn take_end(&mut self) -> bool {
-        if emulation::is_emulated() {
-            return emulation::take_delay_end();
-        }
         let is_over = self.0.sr().read().uif().bit_is_set();
         if is_over {
             self.0.sr().write(|w| w.uif().clear_bit());
@@ -47,6 +44,5 @@ impl DelayTimer {
         self.0
             .cr1()
             .write(|w| w.urs().set_bit().opm().set_bit().cen().set_bit());
-        emulation::start_delay(delay_ms);
     }
 }

@@ -87,7 +87,7 @@ fn write_record(record: [u32; 3]) {
     clippy::inline_always,
     reason = "the proof wants interrupts on where a function ends"
 )]
-fn stop_machine(cause: ResetCause) {
+pub(super) fn stop_machine(cause: ResetCause) {
     cortex_m::interrupt::disable();
     outputs::switch_off();
     let [_, _, faults] = read_record();
@@ -102,13 +102,6 @@ pub(super) fn stop(cause: ResetCause) -> ! {
     if cause != ResetCause::Clock {
         tell(format_args!("{}", cause.text()));
     }
-    SCB::sys_reset()
-}
-
-/// Resets the chip as its watchdog does, for the emulator, which has none.
-#[cfg(feature = "emulated")]
-pub(super) fn expire() -> ! {
-    stop_machine(ResetCause::Watchdog);
     SCB::sys_reset()
 }
 

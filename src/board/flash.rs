@@ -1,5 +1,4 @@
-//! The flash of the journal: 16 KiB of each of two sectors, which the board's file chooses; 8 KiB of each on a board
-//! that has an emulator, where they are RAM. RM0090 3.6, RM0390 3.5.
+//! The flash of the journal: 16 KiB of each of two sectors, which the board's file chooses. RM0090 3.6, RM0390 3.5.
 //!
 //! The chip cannot read its flash while it erases or programs, so code in flash stands still: 16 µs
 //! for a word and 100 µs at most (data sheet, `t_prog`), which is longer than a byte of the sender, up to 2 s for
@@ -19,12 +18,16 @@ use embedded_storage::nor_flash::{
 use stm32f4xx_hal::pac::flash::cr::PSIZE;
 
 use super::{
-    chosen::WIRING, emulation, flash_access, pac, serial::FlashEraseReceiver, step_timer, supply,
-    vectors::nvic_priority, watchdog,
+    chosen::{WIRING, flash_access},
+    pac,
+    serial::FlashEraseReceiver,
+    step_timer, supply,
+    vectors::nvic_priority,
+    watchdog,
 };
 
 /// Bytes used of a sector, and of both sectors.
-const SECTOR: usize = if cfg!(feature = "emulated") { 8 } else { 16 } * 1024;
+const SECTOR: usize = 16 * 1024;
 pub(super) const BOTH: usize = 2 * SECTOR;
 /// Threshold that masks every task: the priority of the step interrupt, the highest.
 const MASK_ALL_TASKS: u8 = nvic_priority(5);
@@ -129,10 +132,6 @@ impl ReadNorFlash for SettingsFlash {
         let offset = sector_offset(offset, bytes.len(), 1)?;
         // A full journal takes long at the frequency of the internal oscillator.
         watchdog::feed();
-        if emulation::is_emulated() {
-            emulation::read_flash(offset, bytes);
-            return Ok(());
-        }
         for (byte, index) in bytes.iter_mut().zip(offset..) {
             // SAFETY: `sector_offset` has checked that the byte is in the sectors.
             *byte = unsafe { (address(index) as *const u8).read_volatile() };
@@ -152,10 +151,6 @@ impl NorFlash for SettingsFlash {
     fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
         let length = to.checked_sub(from).ok_or(FlashError::OutOfBounds)?;
         let offset = sector_offset(from, length as usize, SECTOR)?;
-        if emulation::is_emulated() {
-            emulation::erase_flash(offset, length as usize);
-            return Ok(());
-        }
         let sectors = offset / SECTOR..(offset + length as usize) / SECTOR;
         for page in sectors {
             let sector = WIRING.journal[page].sector;
@@ -167,10 +162,6 @@ impl NorFlash for SettingsFlash {
     #[expect(unsafe_code, reason = "memory beside the program")]
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
         let offset = sector_offset(offset, bytes.len(), 4)?;
-        if emulation::is_emulated() {
-            emulation::write_flash(offset, bytes);
-            return Ok(());
-        }
         let (words, _) = bytes.as_chunks::<4>();
         for (&word, index) in words.iter().zip((offset..).step_by(4)) {
             let place = address(index) as *mut u32;

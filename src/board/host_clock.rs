@@ -13,28 +13,18 @@ const _: () = assert!(
     "the timer cannot count 10 kHz"
 );
 
-/// Sets the timer up: 100 counts are [`TICK_MS`]. The emulator's timer counts ns.
+/// Sets the timer up: 100 counts are [`TICK_MS`].
 pub(super) fn init(timer: &pac::TIM4) {
-    const PERIODS: [(u16, u32); 2] = [
-        (PRESCALER, COUNTS_HZ / 1000 * TICK_MS - 1),
-        (0, TICK_MS * 1_000_000),
-    ];
+    const PERIOD: u16 = (COUNTS_HZ / 1000 * TICK_MS - 1) as u16;
     if !HAS_REPRAP {
         return;
     }
-    let (prescaler, period) = PERIODS[usize::from(super::emulation::is_emulated())];
-    timer.psc().write(|w| w.psc().set(prescaler));
-    set_period(timer, period);
+    timer.psc().write(|w| w.psc().set(PRESCALER));
+    timer.arr().write(|w| w.arr().set(PERIOD));
     timer.cr1().write(|w| w.urs().set_bit());
     timer.egr().write(|w| w.ug().set_bit());
     timer.dier().write(|w| w.uie().set_bit());
     timer.cr1().write(|w| w.urs().set_bit().cen().set_bit());
-}
-
-#[expect(unsafe_code, reason = "the emulator's register has 32 bits")]
-fn set_period(timer: &pac::TIM4, period: u32) {
-    // SAFETY: the chip ignores the upper bits.
-    unsafe { timer.arr().write(|w| w.bits(period)) };
 }
 
 /// Takes a tick, for `wake`: returns whether one has come since the last call.

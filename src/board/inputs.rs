@@ -1,4 +1,4 @@
-//! Input pins: the interrupts that release `inputs`, and the reading of the pins.
+//! Input pins: the interrupts that release `inputs`, and its run.
 //!
 //! An edge on a pin releases the task at once and masks all lines until four samples have been
 //! taken and the last one has found no change. The timer, TIM10, releases the task for the samples,
@@ -8,30 +8,23 @@
 //!
 //! # Cost
 //!
-//! `inputs` has a deadline: everything in a run is inlined, and the loop over the pins has the bound of
-//! the longest table of a board.
+//! `inputs` has a deadline: everything in a run is inlined.
 
 use leadscrew::{
-    machine::{Inputs, SAMPLE_TICKS, SAMPLES, Watch},
+    machine::{Inputs, SAMPLES, Watch},
     model::Levels,
     stepper::EventTap,
     tasks::{self, InputTrigger, Unlocked},
-    units::TICKS_PER_US,
 };
 
 use super::{
-    ChipPlatform, TIMERS_MHZ,
     chosen::WIRING,
-    emulation, line_level, pac,
+    contacts::{self, SampleTimer},
+    pac,
+    release::ChipPlatform,
     step_output::{StepInterrupt, StepTimerToken},
     supply, vectors, watchdog,
-    wiring::{PortList, read_port},
 };
-
-/// Time between two runs while the inputs do not change, µs.
-const IDLE_PERIOD_US: u16 = 1000;
-/// Time between two samples, µs.
-const SAMPLE_PERIOD_US: u16 = (SAMPLE_TICKS / TICKS_PER_US) as u16;
 
 /// Time for the pull-ups to raise the cables of open contacts, core cycles: 10 ms, in which 50 kΩ
 /// bring 160 nF, more than the capacitor of a filter at the pin, to the 0.7 of the supply that reads as high
@@ -46,13 +39,13 @@ const LINES: u32 = lines();
 
 /// The timer and the interrupt lines of the inputs, set up.
 pub(crate) struct InputInterrupts {
-    timer: pac::TIM10,
+    timer: SampleTimer,
     exti: pac::EXTI,
 }
 
 /// The pins and their filter, owned by `inputs`.
 pub(crate) struct InputPins {
-    timer: pac::TIM10,
+    timer: SampleTimer,
     exti: pac::EXTI,
     watch: Watch,
     events: EventTap<'static>,
@@ -84,14 +77,8 @@ impl InputInterrupts {
             exti.imr().write(|w| w.bits(LINES | supply::LINE));
         }
         vectors::unmask(nvic, &LINE_VECTORS, PRIORITY);
-        timer.psc().write(|w| w.psc().set(TIMERS_MHZ - 1));
-        timer.cr1().write(|w| w.urs().set_bit());
-        timer.dier().write(|w| w.uie().set_bit());
-        line_level::mark_periods(&timer);
-        let new = Self { timer, exti };
-        set_period(&new.timer, IDLE_PERIOD_US);
-        new.timer.cr1().write(|w| w.urs().set_bit().cen().set_bit());
-        new
+        let timer = SampleTimer::new(timer);
+        Self { timer, exti }
     }
 
     /// Returns the pins with their filter, which has the present levels, and the inputs.
@@ -101,7 +88,7 @@ impl InputInterrupts {
         let pins = InputPins {
             timer: self.timer,
             exti: self.exti,
-            watch: Watch::new(read(), &inputs),
+            watch: Watch::new(contacts::read(), &inputs),
             events,
             is_sampling: false,
             masked_samples: 0,
@@ -122,7 +109,7 @@ impl InputPins {
             token,
             event_tap: self.events,
         };
-        let is_sample = take_due(&self.timer) && self.is_sampling;
+        let is_sample = self.timer.take_due() && self.is_sampling;
         // Before the pins are read, so that no later change is missed.
         let has_edge = if is_sample {
             self.clear_edges();
@@ -137,7 +124,7 @@ impl InputPins {
         } else {
             InputTrigger::Edge
         };
-        let (closed, watch) = (read(), &mut self.watch);
+        let (closed, watch) = (contacts::read(), &mut self.watch);
         let needs_sample = tasks::inputs(
             trigger,
             closed,
@@ -194,16 +181,13 @@ impl InputPins {
     fn start_sampling(&mut self) {
         self.is_sampling = true;
         self.masked_samples = SAMPLES;
-        set_period(&self.timer, SAMPLE_PERIOD_US);
-        emulation::sample_every(SAMPLE_TICKS);
+        self.timer.start_sampling();
     }
 
     #[inline]
     fn stop_sampling(&mut self) {
         self.is_sampling = false;
-        // The counter is below the new period, and goes on.
-        self.timer.arr().write(|w| w.arr().set(IDLE_PERIOD_US - 1));
-        emulation::sample_every(0);
+        self.timer.stop_sampling();
         self.unmask_lines();
     }
 }
@@ -219,60 +203,6 @@ fn clear_pending() {
         nvic.icpr[0].write(PENDING[0]);
         nvic.icpr[1].write(PENDING[1]);
     }
-}
-
-/// Takes the overflow of the timer, or the emulator's release for a sample.
-#[inline]
-fn take_due(timer: &pac::TIM10) -> bool {
-    let is_due = timer.sr().read().uif().bit_is_set() || emulation::take_sample_release();
-    if is_due {
-        timer.sr().write(|w| w.uif().clear_bit());
-    }
-    is_due
-}
-
-/// Returns the time since the timer released the task, µs; `None` if the timer has not.
-#[cfg(feature = "trace")]
-#[inline]
-#[expect(unsafe_code, reason = "the task owns the timer")]
-pub(super) fn timer_release_age_us() -> Option<u16> {
-    // SAFETY: reads registers without side effects.
-    let timer = unsafe { &*pac::TIM10::ptr() };
-    // In this order: the flag of a period that ends in between must not go with the period before.
-    let is_due = timer.sr().read().uif().bit_is_set();
-    let age = timer.cnt().read().cnt().bits();
-    is_due.then_some(age)
-}
-
-fn set_period(timer: &pac::TIM10, period_us: u16) {
-    timer.arr().write(|w| w.arr().set(period_us - 1));
-    timer.egr().write(|w| w.ug().set_bit());
-}
-
-/// The ports of the inputs.
-const INPUT_PORTS: PortList = WIRING.input_ports();
-
-/// Returns the closed contacts.
-#[inline]
-fn read() -> Levels {
-    if emulation::is_emulated() {
-        return emulation::contacts();
-    }
-    let mut levels = [0; INPUT_PORTS.length];
-    // wcet-bound: 9
-    for (index, level) in levels.iter_mut().enumerate() {
-        *level = read_port(INPUT_PORTS.port(index));
-    }
-    let mut closed = Levels::NONE;
-    // wcet-bound: 11
-    for input in WIRING.inputs {
-        let level = levels[INPUT_PORTS.index(input.pin.port())];
-        let is_high = level >> input.pin.number() & 1 != 0;
-        if is_high != input.is_active_low {
-            closed = closed | input.levels;
-        }
-    }
-    closed
 }
 
 /// Returns the interrupt lines of all inputs.

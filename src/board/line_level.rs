@@ -14,16 +14,7 @@ use leadscrew::{
     tasks,
 };
 
-use super::{ChipPlatform, chosen::WIRING, emulation, pac, wiring::read_port};
-
-/// Where in each of its periods, of 250 µs or 1 ms, the timer of `inputs` sets a flag for `idle`, µs: far from their
-/// ends, which release `inputs` and so wake `idle`.
-const FLAG_US: u16 = 125;
-
-/// Has the timer of `inputs` set the flag, by a compare channel without an output and an interrupt (RM0090 19.5.5).
-pub(super) fn mark_periods(timer: &pac::TIM10) {
-    timer.ccr1().write(|w| w.ccr().set(FLAG_US));
-}
+use super::{contacts, release::ChipPlatform};
 
 /// The watch of `idle` over the line.
 pub(crate) struct LineLevel {
@@ -44,39 +35,13 @@ impl LineLevel {
     /// Takes a look.
     #[inline(never)]
     pub(crate) fn look(&mut self, requests: &Requests) {
-        let periods = periods();
         tasks::look_at_line(
-            is_low(),
-            periods,
+            contacts::is_line_low(),
+            contacts::take_period().into(),
             self.received,
             &mut self.watches,
             requests,
             &mut ChipPlatform,
         );
     }
-}
-
-/// Returns how many periods of the timer of `inputs` have passed since the last look. One at most: a break is noticed
-/// later, then.
-#[expect(unsafe_code, reason = "`inputs` owns the timer")]
-fn periods() -> u8 {
-    if emulation::is_emulated() {
-        return emulation::take_millisecond().into();
-    }
-    // SAFETY: the flag is of this function alone, and ones leave the other flags as they are.
-    let timer = unsafe { &*pac::TIM10::ptr() };
-    let has_passed = timer.sr().read().cc1if().bit_is_set();
-    if has_passed {
-        timer.sr().write(|w| w.cc1if().clear_bit());
-    }
-    has_passed.into()
-}
-
-/// Returns whether the line is low. The level of a pin can be read also while a peripheral has it (RM0090 8.3.11).
-fn is_low() -> bool {
-    if emulation::is_emulated() {
-        return emulation::is_line_low();
-    }
-    let pin = WIRING.receive;
-    read_port(pin.port()) >> pin.number() & 1 == 0
 }

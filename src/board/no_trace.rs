@@ -33,13 +33,6 @@ pub(crate) const fn prepare() -> Activation {
     Activation
 }
 
-/// Begins a run of the handler that stands in for hardware.
-#[cfg(feature = "emulated")]
-#[inline]
-pub(super) const fn stand_in() -> Activation {
-    Activation
-}
-
 /// Records the time of a release.
 #[inline]
 pub(super) const fn release(_vector: super::pac::Interrupt) {}

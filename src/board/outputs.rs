@@ -12,7 +12,7 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use leadscrew::model::{Outputs, Spindle};
 
 use super::{
-    chosen, emulation, pins, pwm,
+    chosen, pins, pwm,
     wiring::{AccessoryPins, Output, Pin, Wiring},
 };
 
@@ -20,7 +20,7 @@ use super::{
 static DUTY: AtomicU32 = AtomicU32::new(0);
 
 /// The outputs that `prepare` switches, with their present state.
-pub(crate) struct SwitchOutputs(Outputs);
+pub(crate) struct SwitchOutputs(pub(super) Outputs);
 
 impl SwitchOutputs {
     /// Returns the outputs as [`make_safe`] leaves them.
@@ -36,7 +36,6 @@ impl SwitchOutputs {
             }
             self.0 = *outputs;
             switch(outputs);
-            emulation::record_outputs(outputs);
         }
     }
 }
@@ -109,12 +108,6 @@ pub(super) fn set_duty(duty: u16) {
         DUTY.store(duty, Relaxed);
         pwm::set_pulse(duty);
     }
-}
-
-/// Returns the duty that is output.
-#[cfg(feature = "emulated")]
-pub(super) fn duty() -> u32 {
-    DUTY.load(Relaxed)
 }
 
 fn set(output: Option<Output>, on: bool) {

@@ -50,7 +50,7 @@ const ROWS: usize = if HAS_HALF_TABLES {
 };
 
 /// Words for the ports of events.
-type Words = [u32; PORTS];
+pub(super) type Words = [u32; PORTS];
 type Row = [AtomicU32; PORTS];
 
 /// The data of the step interrupt, which other tasks change while it stands.
@@ -70,7 +70,7 @@ static SHARED: SharedWords = SharedWords {
 
 /// Returns the words of an event.
 #[inline]
-fn words(event: StepEvent) -> Words {
+pub(super) fn words(event: StepEvent) -> Words {
     let index = event.output_index();
     if !HAS_HALF_TABLES {
         return load(&SHARED.events[index]);
@@ -99,8 +99,8 @@ struct NextWords(UnsafeCell<Words>);
 
 #[expect(unsafe_code, reason = "tasks use the words in turn")]
 // SAFETY: while the step interrupt may run, it alone uses the words. Other tasks use them before
-// they start it and after they have halted it: see `StepTimerToken`. The emulator's handler reads
-// the words while the step interrupt waits for that handler.
+// they start it and after they have halted it: see `StepTimerToken`. A handler may read the words while
+// the step interrupt waits for that handler.
 unsafe impl Sync for NextWords {}
 
 impl NextWords {
@@ -132,7 +132,13 @@ static POLARITY: AtomicU32 = AtomicU32::new(0);
 /// Outputs the words of the last [`set_next`]. For the step interrupt, or while it stands.
 #[inline]
 pub(super) fn write() {
-    write_events(SHARED.next.get());
+    write_events(next_words());
+}
+
+/// Returns the words that the next event outputs.
+#[inline]
+pub(super) fn next_words() -> Words {
+    SHARED.next.get()
 }
 
 /// Outputs a word for each port of events.
@@ -211,31 +217,6 @@ fn add(words: &mut [u32], ports: &PortList, pin: Pin, high: bool) {
             *word |= pin.word(high);
         }
     }
-}
-
-/// Returns the outputs of the next event, from its words: the axes whose pulse begins, and the
-/// directions; those of `before` for axes whose direction does not change.
-#[cfg(feature = "emulated")]
-pub(super) fn read_next(before: u8) -> (u32, u8) {
-    let next = SHARED.next.get();
-    let (mut axes, mut directions) = (0, before);
-    let has = |event: StepEvent, but: StepEvent| {
-        let mut ports = next.into_iter().zip(words(event)).zip(words(but));
-        ports.any(|((next, word), but)| next & word & !but != 0)
-    };
-    let none = StepEvent::default();
-    let forwards = StepEvent::set_directions(0, 0);
-    for axis in 0..AXES {
-        let is_due = has(StepEvent::new(0, 1 << axis, 0), none);
-        axes |= u32::from(is_due) << axis;
-        let backwards = StepEvent::set_directions(0, 1 << axis);
-        if has(backwards, forwards) {
-            directions |= 1 << axis;
-        } else if has(forwards, backwards) {
-            directions &= !(1 << axis);
-        }
-    }
-    (axes, directions)
 }
 
 /// Makes the table anew if `prepare` has ordered that other motors stand. It makes no step before that is done: the

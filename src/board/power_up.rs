@@ -1,17 +1,26 @@
 //! What happens before the tasks run: clocks, pins and peripherals.
 
 use cortex_m::Peripherals as Core;
-use leadscrew::model::{Alarm, HAS_REPRAP};
+use leadscrew::{
+    model::{Alarm, HAS_REPRAP},
+    protocol::Session,
+};
 use stm32f4xx_hal::rcc::{BusClock, Enable, Rcc, RccExt};
 
 use super::{
-    Actuators, Board, InputInterrupts, Memory, Receiver, StepPins, StepTimerToken, backup_domain,
+    actuators::Actuators,
+    backup_domain,
     chosen::{self, Usart, WIRING},
     clocks::{self, Clocks},
-    emulation, fault, host_clock, image_check, outputs, pac, pins, pwm, reset_state,
+    fault, host_clock, image_check,
+    inputs::InputInterrupts,
+    outputs, pac, pins, pwm, reset_state,
+    serial::Receiver,
+    stack,
+    step_output::{StepPins, StepTimerToken},
     step_timer::StepTimer,
-    storage::Medium,
-    supply, watchdog,
+    storage::{Medium, Memory, Storage},
+    supply, trace, watchdog,
     wiring::Pull,
 };
 
@@ -19,6 +28,26 @@ use super::{
 const BAUD: u32 = 115_200;
 /// Priority of `serial_rx` in `src/app.rs`.
 const SERIAL_PRIORITY: u8 = 4;
+
+/// The peripherals the tasks drive.
+pub(crate) struct Board {
+    /// Step and direction pins, and their timer.
+    pub(crate) output: StepPins,
+    /// Token of the tasks that start and stop that timer.
+    pub(crate) step_timer: StepTimerToken,
+    /// Receiving half of the sender's USART.
+    pub(crate) receiver: Receiver,
+    /// Switches, probe and buttons.
+    pub(crate) inputs: InputInterrupts,
+    /// Spindle, coolant and drivers, and the timer that releases `prepare`.
+    pub(crate) actuators: Actuators,
+    /// The journal in flash.
+    pub(crate) storage: &'static mut Storage,
+    /// The session, with the contents of the journal.
+    pub(crate) session: &'static mut Session,
+    /// The alarm with which the machine comes up.
+    pub(crate) alarm: Option<Alarm>,
+}
 
 /// Sets up clocks and pins.
 ///
@@ -30,13 +59,9 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     // From here on, it resets a chip that waits for ever.
     watchdog::start(&device.IWDG, &device.DBGMCU);
     fault::init();
-    super::stack::guard(&core.MPU);
-    super::trace::init(&mut core.DCB, &mut core.DWT, &device.DBGMCU);
-    if emulation::detect(&device.RCC) {
-        emulation::init(&device.TIM2, &device.TIM3, &mut core.NVIC);
-    } else {
-        reset_state::undo(&device.RCC, &device.EXTI, &core.NVIC);
-    }
+    stack::guard(&core.MPU);
+    trace::init(&mut core.DCB, &mut core.DWT, &device.DBGMCU);
+    reset_state::undo(&device.RCC, &device.EXTI, &core.NVIC);
     let cause = fault::take_cause(&device.RCC);
     // Before anything that takes long, as the crystal and the journal: the pins float until then.
     let mut rcc = device.RCC.constrain();
@@ -44,7 +69,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     outputs::make_safe();
     watchdog::set_period(&device.IWDG);
     chosen::enable_clocks(&mut rcc);
-    if !emulation::is_emulated() && !is_right_chip(&device.DBGMCU) {
+    if !is_right_chip(&device.DBGMCU) {
         refuse_chip(chosen::sender!(device), &rcc, &mut core.NVIC);
     }
     supply::watch(&device.PWR, &mut rcc, &mut core.NVIC);

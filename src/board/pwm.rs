@@ -8,7 +8,7 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use leadscrew::{model::Outputs, settings::Settings};
 
 use super::{
-    chosen, emulation,
+    chosen,
     wiring::{Pull, Pwm},
 };
 
@@ -31,17 +31,9 @@ const MODE: u32 = 0b110_0000;
 /// The prescaler in use; 0 before [`configure`].
 static PRESCALER: AtomicU32 = AtomicU32::new(0);
 
-/// Returns the PWM of the board; in the emulator none: its timer may be a stand-in.
-fn wired() -> Option<&'static Pwm> {
-    chosen::WIRING
-        .pwm
-        .as_ref()
-        .filter(|_| !emulation::is_emulated())
-}
-
 /// Starts the PWM with no pulse, at 5.1 kHz, and gives it its pin. The clock of the timer must run.
 pub(super) fn init() {
-    let Some(pwm) = wired() else {
+    let Some(pwm) = &chosen::WIRING.pwm else {
         return;
     };
     let index = pwm.channel - 1;
@@ -59,7 +51,7 @@ pub(super) fn init() {
 
 /// Sets the frequency of the PWM from its next period on, unless it is the same. At rest only.
 pub(super) fn configure(settings: &Settings) {
-    let Some(pwm) = wired() else {
+    let Some(pwm) = &chosen::WIRING.pwm else {
         return;
     };
     let prescaler = Outputs::prescaler(pwm.prescaler, settings.pwm_hz);

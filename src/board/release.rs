@@ -19,17 +19,12 @@ use leadscrew::{
     tasks::{Platform, Task},
 };
 
-use super::{outputs, pac::Interrupt, trace};
-
-/// Vector of `prepare` and of its timer.
-pub(crate) const PREPARE: Interrupt = Interrupt::TIM1_BRK_TIM9;
-/// Vector of `inputs` and of its timer.
-#[cfg(feature = "emulated")]
-pub(super) const INPUTS: Interrupt = Interrupt::TIM1_UP_TIM10;
-/// Vector of `segment_start`.
-pub(crate) const SEGMENT_START: Interrupt = Interrupt::I2C3_EV;
-/// Vector of `wake`, and of the clock of `interpret`.
-pub(crate) const WAKE: Interrupt = Interrupt::TIM4;
+use super::{
+    outputs,
+    pac::Interrupt,
+    trace,
+    vectors::{PREPARE, SEGMENT_START, WAKE},
+};
 
 /// Releases a task.
 #[inline]

@@ -21,7 +21,7 @@ use leadscrew::{
     tasks,
 };
 
-use super::{ChipPlatform, chosen::Usart, pac::usart1::RegisterBlock as UsartRegisters};
+use super::{chosen::Usart, pac::usart1::RegisterBlock as UsartRegisters, release::ChipPlatform};
 
 /// The receiving half of the USART, owned by `serial_rx`.
 pub(crate) struct Receiver(Usart);
@@ -60,7 +60,7 @@ const fn is_nothing(flags: u16) -> bool {
     flags < OVERRUN
 }
 
-// By each flag, for each of their combinations: the emulator sets none but the last.
+// By each flag, for each of their combinations.
 const _: () = {
     let mut status = 0;
     while status <= STATUS_FLAGS {

@@ -3,7 +3,7 @@
 //! # Cost
 //!
 //! The queues are small and come first in memory: short offsets reach them. The status of the port is
-//! read only while bytes wait to be sent: in the emulator, each read wakes another thread.
+//! read only while bytes wait to be sent.
 
 use heapless::spsc::Producer;
 use leadscrew::{
@@ -15,7 +15,7 @@ use leadscrew::{
     tasks::{self, SessionIo},
 };
 
-use super::{ChipPlatform, Storage, pins, pwm, serial::Transmitter};
+use super::{pins, pwm, release::ChipPlatform, serial::Transmitter, storage::Storage};
 
 /// The session, its queues and the transmitter.
 #[expect(unreachable_pub, reason = "RTIC wants what is locked to be public")]

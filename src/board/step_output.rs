@@ -10,7 +10,11 @@ use leadscrew::{
     tasks::{StepOutput, StepPlatform},
 };
 
-use super::{pins, release::SEGMENT_START, step_timer, step_timer::StepTimer};
+use super::{
+    pins,
+    step_timer::{self, StepTimer},
+    vectors::SEGMENT_START,
+};
 
 /// The pins and the timer of the step interrupt, which alone drives them.
 pub(crate) struct StepPins(StepTimer);

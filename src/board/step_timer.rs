@@ -22,31 +22,27 @@ use cortex_m::{
 
 use leadscrew::stepper::StepEvent;
 
-use super::{emulation, pac::Interrupt, trace};
-
-/// Core cycles in a tick: the counter counts half ticks.
-#[cfg(feature = "emulated")]
-const CYCLES_PER_TICK: u32 = 2;
+use super::{pac::Interrupt, trace};
 
 /// Bits of `SYST_CSR`: the counter runs, its zero interrupts, its clock is that of the core.
 const ENABLE: u32 = 1;
-const TICKINT: u32 = 1 << 1;
+pub(crate) const TICKINT: u32 = 1 << 1;
 const CLKSOURCE: u32 = 1 << 2;
 
 /// The timer for the step interrupt.
-pub(super) struct StepTimer(());
+pub(crate) struct StepTimer(());
 
 #[expect(clippy::unused_self, reason = "whoever has it is the step interrupt")]
 impl StepTimer {
     /// Returns the timer, which stands after a reset.
-    pub(super) fn new(_: SYST) -> Self {
+    pub(crate) fn new(_: SYST) -> Self {
         Self(())
     }
 
     /// Sets the time from the next interrupt to the one after it to that of an event. Returns the
     /// access to the other registers.
     #[inline]
-    pub(super) fn set_reload(&mut self, event: StepEvent) -> SystemControl {
+    pub(crate) fn set_reload(&mut self, event: StepEvent) -> SystemControl {
         let system = SystemControl::after(event);
         system.write(SYST_RVR, event.half_ticks_less_one());
         system
@@ -54,13 +50,13 @@ impl StepTimer {
 
     /// Releases a task by its vector if an event is the first of a segment.
     #[inline]
-    pub(super) fn pend(&mut self, vector: Interrupt, event: StepEvent) {
+    pub(crate) fn pend(&mut self, vector: Interrupt, event: StepEvent) {
         SystemControl::after(event).pend(vector, event.is_boundary());
     }
 
     /// Stops the timer until the next [`start`].
     #[inline]
-    pub(super) fn stop(&mut self) -> SystemControl {
+    pub(crate) fn stop(&mut self) -> SystemControl {
         let system = SystemControl::after(StepEvent::NONE);
         system.write(SYST_CSR, CLKSOURCE);
         system.write(ICSR, PENDSTCLR);
@@ -81,7 +77,7 @@ const PENDSTCLR: u32 = 1 << 25;
 
 /// The system control space, the registers of the processor, for the step interrupt.
 #[derive(Clone, Copy)]
-pub(super) struct SystemControl(*mut u32);
+pub(crate) struct SystemControl(*mut u32);
 
 impl SystemControl {
     /// Returns the address of the space, made after an event is known.
@@ -115,7 +111,7 @@ impl SystemControl {
     /// written too late. The bits above are those of exceptions that nothing pends.
     #[inline]
     #[expect(unsafe_code, reason = "a register by its address")]
-    pub(super) fn is_late(self) -> u32 {
+    pub(crate) fn is_late(self) -> u32 {
         let register = self.0.wrapping_byte_add(ICSR);
         // SAFETY: reads a register without side effects.
         unsafe { register.read_volatile() >> PENDSTSET }
@@ -123,7 +119,7 @@ impl SystemControl {
 
     /// Releases a task by its vector, if it `is_due`.
     #[inline]
-    pub(super) fn pend(self, vector: Interrupt, is_due: bool) {
+    pub(crate) fn pend(self, vector: Interrupt, is_due: bool) {
         if is_due {
             trace::release(vector);
         }
@@ -135,7 +131,7 @@ impl SystemControl {
 
 /// Sets the time from the next interrupt to the one after it to that of an event which the step
 /// interrupt did not know of.
-pub(super) fn set_reload(event: StepEvent) {
+pub(crate) fn set_reload(event: StepEvent) {
     reload(registers(), event);
     // An interrupt that came before the write has run when this returns.
     dsb();
@@ -143,35 +139,27 @@ pub(super) fn set_reload(event: StepEvent) {
 }
 
 /// Sets the time to the first interrupt, before [`start`].
-pub(super) fn set_up(event: StepEvent) {
+pub(crate) fn set_up(event: StepEvent) {
     let timer = registers();
     reload(timer, event);
     clear_counter(timer);
-    if emulation::is_emulated() {
-        emulation::count(event.ticks());
-    }
 }
 
 /// Starts the timer with the time that has been set up; the time after it is that of an event. Only
-/// while the timer stands, under the lock of [`StepTimerToken`](super::StepTimerToken).
+/// while the timer stands, under the lock of `StepTimerToken`.
 #[inline]
-pub(super) fn start(following: StepEvent) {
+pub(crate) fn start(following: StepEvent) {
     let timer = registers();
-    let counts = if emulation::is_emulated() {
-        CLKSOURCE
-    } else {
-        CLKSOURCE | ENABLE
-    };
     // The counter begins with the time in the reload register. Where a preempting task lets it come
     // round, the first interrupt is later, and the time after it still right.
-    control(timer, counts);
+    control(timer, CLKSOURCE | ENABLE);
     dsb();
     reload(timer, following);
-    control(timer, counts | TICKINT);
+    control(timer, CLKSOURCE | ENABLE | TICKINT);
 }
 
 /// Stops the timer at once until the next [`start`], from any task.
-pub(super) fn halt() {
+pub(crate) fn halt() {
     control(registers(), CLKSOURCE);
     SCB::clear_pendst();
     // An interrupt that was on its way has run when this returns.
@@ -179,29 +167,14 @@ pub(super) fn halt() {
     isb();
 }
 
-/// Returns the core cycles since the event being served was due. Before [`StepTimer::set_reload`],
-/// as the counter began with the value that is still in the reload register.
-#[cfg(all(feature = "trace", not(feature = "trace-emulated")))]
-#[inline]
-pub(super) fn lateness() -> u32 {
-    let timer = registers();
-    timer.rvr.read().wrapping_sub(timer.cvr.read())
-}
-
-/// Returns the ticks from the next interrupt to the one after it.
-#[cfg(feature = "emulated")]
-pub(super) fn reload_ticks() -> u32 {
-    (registers().rvr.read() + 1) / CYCLES_PER_TICK
-}
-
 /// Returns whether the timer runs to an event.
 #[cfg_attr(
-    all(feature = "eeprom", not(feature = "emulated")),
+    feature = "eeprom",
     allow(dead_code, reason = "the bring-up erases flash on every board")
 )]
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-pub(super) fn is_running() -> bool {
+pub(crate) fn is_running() -> bool {
     registers().csr.read() & TICKINT != 0
 }
 

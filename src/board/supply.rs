@@ -13,7 +13,7 @@ use super::{
     vectors, watchdog,
 };
 
-/// The line of EXTI that rises when the supply falls; [`super::InputInterrupts`] unmasks it.
+/// The line of EXTI that rises when the supply falls; `inputs` unmasks it.
 pub(super) const LINE: u32 = 1 << 16;
 /// The threshold of the detector: 2.85 to 2.99 V where the supply falls, 2.96 to 3.10 V where it rises (data sheet,
 /// power control block). The one above, up to 3.21 V, would never find a supply of 3.3 V good that is low by 3 %.

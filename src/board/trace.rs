@@ -4,8 +4,6 @@
 //! record when the task ends: start, duration with all preemptions, and latency from the release to
 //! the start. `cargo xtask latency` reads the records and compares them with the bounds.
 //!
-//! The clock is the cycle counter. The emulator has none: with `trace-emulated` the clock is a timer.
-//!
 //! # Cost
 //!
 //! `docs/latency.md` has the cycles of a record. [`rings`] writes it in the same few instructions whatever
@@ -21,24 +19,16 @@ use cortex_m::peripheral::{DCB, DWT};
 use leadscrew::units::CORE_MHZ;
 
 use super::{
-    inputs,
+    contacts,
     pac::{self, Interrupt},
-    release::{PREPARE, SEGMENT_START},
+    trace_clock::{lateness, now},
+    vectors::{PREPARE, SEGMENT_START},
 };
 
 mod rings;
 
-#[cfg(not(feature = "trace-emulated"))]
-use super::step_timer::lateness;
-
-#[cfg(feature = "trace-emulated")]
-use super::emulation::{clock as now, lateness};
-
-/// The number of each task's ring, the highest priority first.
+/// The number of each task's ring, the highest priority first; ring 1 is of a handler that stands in for hardware.
 const STEP: usize = 0;
-/// The handler that stands in for hardware in the emulator.
-#[cfg(feature = "emulated")]
-const STAND_IN: usize = 1;
 const SERIAL_RX: usize = 2;
 const SEGMENT_START_TASK: usize = 3;
 const INPUTS: usize = 4;
@@ -82,7 +72,7 @@ pub(crate) fn serial_rx() -> Activation<SERIAL_RX> {
 /// Begins an activation of `inputs`, whose latency after an edge is unknown.
 #[inline]
 pub(crate) fn inputs() -> Activation<INPUTS> {
-    let age_us = inputs::timer_release_age_us();
+    let age_us = contacts::timer_release_age_us();
     Activation::begin(age_us.map(|age_us| u32::from(age_us) * CYCLES_PER_US))
 }
 
@@ -95,13 +85,6 @@ pub(crate) fn segment_start() -> Activation<SEGMENT_START_TASK> {
 /// Begins an activation of `prepare`.
 #[inline]
 pub(crate) fn prepare() -> Activation<PREPARE_TASK> {
-    Activation::begin(None)
-}
-
-/// Begins a run of the handler that stands in for hardware.
-#[cfg(feature = "emulated")]
-#[inline]
-pub(super) fn stand_in() -> Activation<STAND_IN> {
     Activation::begin(None)
 }
 
@@ -134,7 +117,7 @@ impl<const TASK: usize> Activation<TASK> {
 
     /// Begins an activation with the latency since a timer's release, or else since one by software.
     #[inline]
-    fn begin(latency: Option<u32>) -> Self {
+    pub(super) fn begin(latency: Option<u32>) -> Self {
         let released = RELEASED[TASK].load(Relaxed);
         RELEASED[TASK].store(0, Relaxed);
         let mut activation = Self::start(UNKNOWN);
@@ -154,11 +137,4 @@ impl<const TASK: usize> Drop for Activation<TASK> {
         let duration = now().wrapping_sub(self.start);
         rings::write::<TASK>([self.start, duration, self.latency]);
     }
-}
-
-/// Returns the time, core cycles.
-#[cfg(not(feature = "trace-emulated"))]
-#[inline]
-fn now() -> u32 {
-    DWT::cycle_count()
 }

@@ -9,6 +9,13 @@
 
 use super::pac::{Interrupt, NVIC};
 
+/// Vector of `prepare` and of its timer.
+pub(crate) const PREPARE: Interrupt = Interrupt::TIM1_BRK_TIM9;
+/// Vector of `segment_start`.
+pub(super) const SEGMENT_START: Interrupt = Interrupt::I2C3_EV;
+/// Vector of `wake`, and of the clock of `interpret`.
+pub(super) const WAKE: Interrupt = Interrupt::TIM4;
+
 /// Makes the handlers of some vectors call the handler of the vector that a task binds.
 macro_rules! forward_vectors {
     ($($vector:ident),+ => $bound:ident) => {

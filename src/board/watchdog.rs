@@ -9,7 +9,7 @@
 //! (`release.rs`): so no number of lines is taken for a task that hangs. The longest run is that of an arc in whole
 //! steps, whose areas are summed up before it begins: some 40 ms.
 
-use super::{emulation, pac};
+use super::pac;
 
 /// Counts of a quarter of the internal slow clock, whose frequency is 17 to 47 kHz, 32 kHz typically (data
 /// sheet, LSI): at least 100 ms, 147 ms typically, at most 276 ms.
@@ -25,7 +25,7 @@ const CYCLES_PER_DELAY: u32 = 3;
 
 /// Starts the watchdog, with the period of a reset or of a bootloader; it waits while a debugger has halted the
 /// processor.
-pub(super) fn start(watchdog: &pac::IWDG, debug: &pac::DBGMCU) {
+pub(crate) fn start(watchdog: &pac::IWDG, debug: &pac::DBGMCU) {
     debug.apb1_fz().modify(|_, w| w.dbg_iwdg_stop().set_bit());
     watchdog.kr().write(|w| w.key().start());
     feed();
@@ -33,7 +33,7 @@ pub(super) fn start(watchdog: &pac::IWDG, debug: &pac::DBGMCU) {
 
 /// Sets the period. A bootloader that has changed it without a slow clock that runs, as the chip's own, leaves a change that
 /// has not ended, in which the registers take nothing: RM0090 21.4.4.
-pub(super) fn set_period(watchdog: &pac::IWDG) {
+pub(crate) fn set_period(watchdog: &pac::IWDG) {
     let is_settled = || watchdog.sr().read().bits() == 0;
     for _ in 0..2 {
         let _ = await_flag(MAX_STATUS_READS, is_settled);
@@ -50,17 +50,17 @@ pub(super) fn set_period(watchdog: &pac::IWDG) {
 
 /// Returns whether a flag comes within a number of reads, of 8 cycles at least, and feeds the watchdog meanwhile.
 #[inline(never)]
-pub(super) fn await_flag(max_reads: u32, is_set: impl Fn() -> bool) -> bool {
+pub(crate) fn await_flag(max_reads: u32, is_set: impl Fn() -> bool) -> bool {
     (0..max_reads).any(|_| {
         feed();
-        // Keeps several reads from becoming one block of conditional ones, which emulators of the core get wrong.
+        // Keeps several reads from becoming one block of conditional ones, which not every model of the core executes right.
         cortex_m::asm::nop();
         is_set()
     })
 }
 
 /// Lets cycles of the core pass, and feeds the watchdog meanwhile.
-pub(super) fn pause(cycles: u32) {
+pub(crate) fn pause(cycles: u32) {
     let mut left = cycles;
     while left != 0 {
         let now = left.min(PAUSE_CYCLES);
@@ -75,7 +75,6 @@ pub(super) fn pause(cycles: u32) {
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 #[expect(unsafe_code, reason = "several places feed it")]
 pub(crate) fn feed() {
-    emulation::feed_watchdog();
     // SAFETY: the key has no other effect than to feed.
     let watchdog = unsafe { &*pac::IWDG::ptr() };
     watchdog.kr().write(|w| w.key().feed());

@@ -8,12 +8,14 @@ mod backup_domain;
 #[path = "../../src/board/chosen.rs"]
 #[allow(dead_code, reason = "not all that a board has is used")]
 mod chosen;
-#[path = "../../src/board/clocks.rs"]
+#[cfg_attr(feature = "qemu", path = "../../src/board/qemu/clocks.rs")]
+#[cfg_attr(not(feature = "qemu"), path = "../../src/board/clocks.rs")]
 mod clocks;
+#[cfg(not(feature = "qemu"))]
 #[path = "../../src/board/crystal.rs"]
 mod crystal;
 #[path = "../../src/board/fault.rs"]
-#[allow(dead_code, reason = "the emulator's watchdog is the firmware's")]
+#[allow(dead_code, reason = "the firmware refuses to start")]
 mod fault;
 #[path = "../../src/board/pre_init.rs"]
 mod pre_init;
@@ -62,6 +64,10 @@ mod emulation;
 #[path = "faults.rs"]
 mod faults;
 #[path = "flash.rs"]
+#[cfg_attr(
+    feature = "qemu",
+    allow(dead_code, unused_imports, reason = "the emulator's flash is memory")
+)]
 mod flash;
 #[path = "kept.rs"]
 mod kept;
@@ -85,20 +91,12 @@ use self::{
     chosen::{Usart, WIRING},
     clocks::Clocks,
     kept::{Facts, Kept},
-    release::ChipPlatform,
     wiring::Pull,
 };
 use stm32f4xx_hal::pac;
 
-/// The clock of TIM9 and TIM10, MHz, as in the firmware.
-const TIMERS_MHZ: u16 = (WIRING.core_hz / 1_000_000) as u16;
 /// Bits a second, as in the firmware.
 const BAUD: u32 = 115_200;
-
-/// Access to the flash, as in the firmware.
-fn flash_access(w: &mut pac::flash::acr::W) -> &mut pac::flash::acr::W {
-    w.latency().set(WIRING.flash_wait_states).icen().set_bit()
-}
 
 /// The pins of the motors stay as [`outputs::make_safe`] leaves them.
 mod pins {
@@ -112,12 +110,7 @@ pub(crate) fn bring_up() -> ! {
     let mut core = Core::take().expect("this is the first time");
     cortex_m::interrupt::disable();
     fault::init();
-    emulation::detect(&device.RCC);
-    if emulation::is_emulated() && !emulation::is_wanted() {
-        semihosting::println!("skipped: `cargo xtask bring-up --qemu` runs it");
-        semihosting::process::exit(0)
-    }
-    if !emulation::is_unguarded() {
+    if !emulation::has_flaw(c"unguarded") {
         stack::guard(&core.MPU);
     }
     clock::start(&mut core, &device.DBGMCU);
@@ -134,7 +127,10 @@ pub(crate) fn bring_up() -> ! {
     backup_domain::release_pins(&rcc, &device.PWR);
     let Clocks { mut rcc, fault } = clocks::start(rcc, &device.FLASH);
     chosen::enable_clocks(&mut rcc);
-    pwm::init();
+    // A timer of the emulator is no PWM.
+    if !emulation::is_emulated() {
+        pwm::init();
+    }
     priorities::set(&mut core.NVIC);
     let serial_hz = <Usart as BusClock>::clock(&rcc.clocks).raw();
     let usart = start_serial(chosen::sender!(device), serial_hz, &mut core.NVIC);

@@ -8,7 +8,7 @@ use leadscrew::model::{Coolant, Outputs, Spindle};
 
 use super::{
     chosen::{self, WIRING},
-    clock, emulation,
+    clock,
     kept::{leave, left},
     pins, pwm,
     wiring::{self, AccessoryPins, Output},

@@ -21,17 +21,8 @@ use super::{Facts, clock, echo, pac, priorities, trace, vectors::nvic_priority};
 #[path = "races.rs"]
 mod races;
 #[path = "../../src/board/step_timer.rs"]
-#[allow(dead_code, reason = "the emulator's timer is used")]
+#[allow(dead_code, reason = "no task is released")]
 mod step_timer;
-
-/// The stand-in of the firmware for a timer that cannot keep up: here the emulator's own counts.
-mod emulation {
-    pub(super) const fn is_emulated() -> bool {
-        false
-    }
-
-    pub(super) const fn count(_ticks: u32) {}
-}
 
 /// Cycles of the processor in a tick.
 const CYCLES_PER_TICK: i64 = 2;

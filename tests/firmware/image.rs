@@ -1,4 +1,4 @@
-//! The image of the firmware: what erases and programs flash is in RAM (that it needs nothing in flash is
+//! The image of the firmware for a chip: what erases and programs flash is in RAM (that it needs nothing in flash is
 //! proven), no queues of zeros are kept in flash, and nothing of what only the feature `reprap` asks for.
 
 use std::{env, fs, ops::Range};
@@ -15,7 +15,7 @@ const REPRAP_ANSWERS: [&str; 3] = ["FIRMWARE_NAME:", "; M999 to go on", "echo:bu
 
 #[test]
 fn what_erases_and_programs_the_flash_is_in_ram() {
-    let Some(path) = env::var_os("FIRMWARE_ELF") else {
+    let Some(path) = env::var_os("CHIP_FIRMWARE_ELF") else {
         return;
     };
     let bytes = fs::read(path).expect("the firmware can be read");
@@ -32,7 +32,7 @@ fn what_erases_and_programs_the_flash_is_in_ram() {
 
 #[test]
 fn initial_values_of_data_take_4_kib_of_the_flash_at_most() {
-    let Some(path) = env::var_os("FIRMWARE_ELF") else {
+    let Some(path) = env::var_os("CHIP_FIRMWARE_ELF") else {
         return;
     };
     let bytes = fs::read(path).expect("the firmware can be read");
@@ -54,7 +54,7 @@ fn of_reprap<'a>(functions: impl Iterator<Item = &'a str>, constants: &[u8]) -> 
 
 #[test]
 fn nothing_of_the_reprap_dialect_is_in_firmware_without_its_feature() {
-    let Some(path) = env::var_os("FIRMWARE_ELF") else {
+    let Some(path) = env::var_os("CHIP_FIRMWARE_ELF") else {
         return;
     };
     let bytes = fs::read(path).expect("the firmware can be read");

@@ -1,4 +1,4 @@
-//! The firmware's blocks of memory, `FIGURES` and `CONTACTS` of `src/board/emulation/memory.rs`.
+//! The firmware's blocks of memory, `FIGURES` and `CONTACTS` of `src/board/qemu/memory.rs`.
 //!
 //! QEMU's connection for debuggers stops the machine while it lasts, so each access has its own.
 

@@ -138,6 +138,19 @@ fn every_module_uses_only_what_is_below_it() {
     assert!(found.is_empty(), "\n{found}");
 }
 
+/// The files of `src/board/` outside of `qemu/` are those of a chip, and know nothing else.
+#[test]
+fn no_file_of_the_chip_knows_the_emulator() {
+    for (path, source) in sources(&["src/board"]) {
+        let is_chosen_there = path == "src/board/mod.rs" || path.starts_with("src/board/qemu/");
+        let text = source.to_lowercase();
+        let knows = ["qemu", "emulat"]
+            .into_iter()
+            .any(|word| text.contains(word));
+        assert!(is_chosen_there || !knows, "{path}");
+    }
+}
+
 #[test]
 fn a_use_of_a_layer_above_is_found_however_it_is_written() {
     let modules: Vec<String> = LAYERS.concat().iter().map(ToString::to_string).collect();

@@ -3,7 +3,7 @@
 //! What is quick finds most of what a change breaks; the rest takes long, or finds what is seldom broken.
 
 use std::{
-    env,
+    env, iter,
     process::{self, ExitCode},
     time::Instant,
 };
@@ -354,7 +354,8 @@ struct Board {
     file: String,
     /// The features of its chip.
     features: String,
-    is_emulated: bool,
+    /// Whether QEMU emulates it.
+    has_emulator: bool,
 }
 
 impl Board {
@@ -370,18 +371,13 @@ impl Board {
         Ok(Self {
             file: file.to_string_lossy().into_owned(),
             features: words.next().unwrap_or_default().into(),
-            is_emulated: words.next().is_some(),
+            has_emulator: words.next().is_some(),
         })
     }
 
     /// Makes a Cargo command compile for the board.
     fn compile<'a>(&self, command: &'a mut process::Command) -> &'a mut process::Command {
-        let features = if self.is_emulated {
-            format!("{},emulated", self.features)
-        } else {
-            self.features.clone()
-        };
-        cargo::compile_for(command, &self.file, &features, &cargo::target_dir());
+        cargo::compile_for(command, &self.file, &self.features, &cargo::target_dir());
         command
     }
 }
@@ -413,13 +409,11 @@ fn lint(board: &str) -> Result<()> {
         "target_*",
     ]);
     wait(board.compile(&mut command).args(["--", "-Dwarnings"]))?;
-    let feature = if board.is_emulated {
-        "trace-emulated"
-    } else {
-        "trace"
-    };
-    let mut traced = cargo(&["clippy", "--bins", "--features", feature]);
-    wait(board.compile(&mut traced).args(["--", "-Dwarnings"]))?;
+    let for_qemu = board.has_emulator.then_some("qemu,trace");
+    for features in iter::once("trace").chain(for_qemu) {
+        let mut command = cargo(&["clippy", "--bins", "--examples", "--features", features]);
+        wait(board.compile(&mut command).args(["--", "-Dwarnings"]))?;
+    }
     wait(board.compile(&mut rustdoc("--bins")))
 }
 

@@ -62,9 +62,6 @@ pub struct Startup {
     pub safe: String,
     /// Functions that may access peripherals before `safe` has ended.
     pub before: Vec<String>,
-    /// The same for functions that only some programs have, by a description of these programs.
-    #[serde(default)]
-    pub before_of: BTreeMap<String, Vec<String>>,
 }
 
 /// The watchdog, and where it need not be fed.

@@ -54,7 +54,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let name = options.board.as_deref().context("no board is named")?;
-    let board = firmware::boards::named(name)?;
+    let mut board = firmware::boards::named(name)?;
     let needs_probe = !options.qemu && !options.virtual_board;
     if needs_probe && !cfg!(feature = "probe") {
         return flash::again();
@@ -63,6 +63,9 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         !options.qemu || board.qemu.is_some(),
         "QEMU does not emulate {name}"
     );
+    if options.qemu {
+        board = board.in_emulator()?;
+    }
     let elf = on_target::build(&board, TEST)?;
     let last = board.memory(cargo::axes().into()).last;
     check_room(image_end(&elf)?, last)?;

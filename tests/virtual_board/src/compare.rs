@@ -57,8 +57,6 @@ const fn addresses() -> [u32; ENABLES + PRIORITIES + 4] {
     addresses
 }
 
-/// Interrupts of TIM2 and TIM3, which have handlers in firmware for the emulator alone: `src/board/emulation.rs`.
-const STAND_INS: [usize; 2] = [28, 29];
 /// Periods of the PWM in a second, about: the nearest that a whole prescaler gives.
 const PWM_HZ: f64 = 5147.0;
 const BAUD: f64 = 115_200.0;
@@ -429,7 +427,7 @@ fn interrupts(
         let has_handler = name.is_some();
         let is_enabled = words[number / 32] >> (number % 32) & 1 == 1;
         let name = name.unwrap_or("nothing");
-        if has_handler && !is_enabled && !is_stand_in(bench, number) {
+        if has_handler && !is_enabled {
             faults.push(format!(
                 "NVIC_ISER: the interrupt {number} has the handler {name} and is not enabled"
             ));
@@ -461,10 +459,6 @@ fn interrupts(
         }
     }
     faults
-}
-
-fn is_stand_in(bench: &Bench, number: usize) -> bool {
-    bench.board.qemu.is_some() && STAND_INS.contains(&number)
 }
 
 /// The priorities of the tasks by their vectors, as the processor has them, from the firmware's own source.

@@ -16,13 +16,26 @@ use common::{cargo, ui};
 
 /// A board the firmware can be built for.
 #[derive(Debug, Clone)]
-pub struct Board(board_data::Board);
+pub struct Board {
+    data: board_data::Board,
+    /// Whether the firmware is for QEMU instead of the board.
+    is_in_qemu: bool,
+}
 
 impl Deref for Board {
     type Target = board_data::Board;
 
     fn deref(&self) -> &Self::Target {
-        &self.0
+        &self.data
+    }
+}
+
+impl From<board_data::Board> for Board {
+    fn from(data: board_data::Board) -> Self {
+        Self {
+            data,
+            is_in_qemu: false,
+        }
     }
 }
 
@@ -45,8 +58,8 @@ impl Board {
     /// The same into another folder than that of the project.
     pub fn compile_into<'a>(&self, target: &Path, command: &'a mut Command) -> &'a mut Command {
         let mut features = self.features(cargo::axes().into());
-        if self.qemu.is_some() {
-            features.push("emulated".into());
+        if self.is_in_qemu {
+            features.push("qemu".into());
         }
         cargo::compile_for(command, &self.argument(), &features.join(","), target);
         command
@@ -54,11 +67,9 @@ impl Board {
 }
 
 impl Board {
-    /// The board as it is in the emulator: with the stand-ins for what the emulator lacks, in the machine of
-    /// the board that QEMU emulates. Boards whose motors are driven by phases have none, nor have those whose settings
-    /// are in an EEPROM.
+    /// The board as it is in QEMU: its firmware has `src/board/qemu/` in place of the chip. Boards whose motors are
+    /// driven by phases have none, nor have those whose settings are in an EEPROM.
     pub fn in_emulator(mut self) -> Result<Self> {
-        let (_, machine) = emulated()?;
         if self.has_phases() {
             bail!(
                 "the emulator records steps and directions: {} has phases instead",
@@ -72,7 +83,7 @@ impl Board {
                 self.name
             );
         }
-        self.0.qemu = Some(machine);
+        self.is_in_qemu = true;
         Ok(self)
     }
 }
@@ -80,14 +91,14 @@ impl Board {
 /// Every board.
 pub fn all() -> Result<Vec<Board>> {
     let boards = board_data::Board::all(cargo::root())?;
-    Ok(boards.into_iter().map(Board).collect())
+    Ok(boards.into_iter().map(Board::from).collect())
 }
 
 /// The board of a name, or of a file: a path that ends in `.toml`.
 pub fn named(name: &str) -> Result<Board> {
     let file = board_data::Board::path(name, cargo::root());
     if file.is_file() {
-        return Ok(Board(board_data::Board::read(&file, cargo::root())?));
+        return Ok(board_data::Board::read(&file, cargo::root())?.into());
     }
     let mut known = String::new();
     for board in &all()? {
@@ -112,12 +123,13 @@ pub fn chosen(name: Option<&str>, are_all: bool) -> Result<Vec<Board>> {
     Ok(vec![named(name)?])
 }
 
-/// The board that QEMU emulates, and its machine.
+/// The board that QEMU emulates, in QEMU, and its machine.
 pub fn emulated() -> Result<(Board, String)> {
-    all()?
+    let (board, machine) = all()?
         .into_iter()
         .find_map(|board| board.qemu.clone().map(|machine| (board, machine)))
-        .context("no board names a QEMU machine")
+        .context("no board names a QEMU machine")?;
+    Ok((board.in_emulator()?, machine))
 }
 
 #[cfg(test)]

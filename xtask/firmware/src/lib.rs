@@ -91,12 +91,6 @@ pub fn traced(board: &Board) -> Result<PathBuf> {
     proven_if_possible(board, &["--features", "trace"], "-trace")
 }
 
-/// The same for the emulated board, by the emulator's clock.
-pub fn traced_for_emulator(board: &Board) -> Result<PathBuf> {
-    let options = ["--features", "trace-emulated"];
-    proven_if_possible(board, &options, "-trace-emulated")
-}
-
 /// Copies a firmware and declares the copy proven for a step rate: for experiments at rates without a proof.
 pub fn as_if_proven(elf: &Path, hz: u32) -> Result<PathBuf> {
     let copy = elf.with_extension(format!("{hz}-hz.elf"));

@@ -47,7 +47,7 @@ fn run(options: &Build) -> Result<ExitCode> {
 /// Prints a line for each board.
 fn list() -> Result<ExitCode> {
     for board in firmware::boards::all()? {
-        let emulated = board.qemu.as_ref().map_or("", |_| " emulated");
+        let emulated = board.qemu.as_ref().map_or("", |_| " qemu");
         println!(
             "{} {}{emulated}",
             board.name,
@@ -97,6 +97,8 @@ fn over_serial(only: &[String]) -> Result<ExitCode> {
         "FIRMWARE_ELF",
         firmware::as_if_proven(&elf, TESTED_STEP_RATE_HZ)?,
     );
+    let for_chip = firmware::boards::named(&board.name)?;
+    command.env("CHIP_FIRMWARE_ELF", compile::firmware(&for_chip)?);
     command.env("SLOW_FIRMWARE_ELF", firmware::as_if_proven(&elf, 20_000)?);
     command.env("UNPROVEN_FIRMWARE_ELF", firmware::as_if_proven(&elf, 0)?);
     // What this tool prints itself is the verdict.

@@ -12,7 +12,7 @@ use anyhow::{Context, Result};
 use leadscrew::units::TICKS_PER_SECOND;
 use object::{Object, ObjectSymbol};
 
-/// The firmware's record of its pins, see `src/board/emulation.rs`.
+/// The firmware's record of its pins, see `src/board/qemu/`.
 const FIGURES: &str = "FIGURES";
 /// Where in it the ticks from the first step to the last are: a low and a high word.
 const TICKS_OFFSET: u64 = 3 * 4;

@@ -17,8 +17,6 @@ use super::{
     stream,
 };
 
-/// The file by which the program knows that it is wanted.
-const WANTED: &str = "bring-up";
 /// The files that request a stack without a guard, and a flash that does not erase.
 pub(super) const UNGUARDED: &str = "unguarded";
 pub(super) const WORN_FLASH: &str = "worn";
@@ -61,7 +59,7 @@ fn run_with<W: Write + Send>(
     through: impl Fn(UnixStream) -> W,
 ) -> Result<Facts> {
     let folder = tempfile::tempdir().context("there is no room for the files of the run")?;
-    for file in [&[WANTED], asked].concat() {
+    for file in asked {
         fs::write(folder.path().join(file), "").context("cannot write into a folder")?;
     }
     let line = semihosting::start_with_serial(elf, folder.path(), &CLOCK, LIMIT)?;

@@ -35,7 +35,7 @@ pub(super) fn measure(options: &Options) -> Result<Outcome> {
     let workload = chosen_workload(options)?;
     cargo::need_qemu()?;
     let (board, machine) = firmware::boards::emulated()?;
-    let elf = firmware::traced_for_emulator(&board)?;
+    let elf = firmware::traced(&board)?;
     let proof = bounds::Proof::of(&elf, &board)?;
     let loaded = workload::settings(&elf, options.file.as_deref(), &options.set)?;
     ui::status("Booting", &format!("{} under QEMU", board.name));
@@ -71,7 +71,7 @@ pub(crate) fn check() -> Result<Verdict> {
     let workload = Workload::of(b"G1X100F3000\n");
     let assignments = ["$100=250", "$110=6000", "$120=1000"].map(str::to_owned);
     let run = Run {
-        elf: &firmware::traced_for_emulator(&board)?,
+        elf: &firmware::traced(&board)?,
         machine: &machine,
         workload: &workload,
         loaded: &settings::load(None, &assignments)?,

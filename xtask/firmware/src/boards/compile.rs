@@ -22,14 +22,6 @@ pub fn firmware(board: &Board) -> Result<PathBuf> {
     Ok(elf)
 }
 
-/// The same with the stand-ins for what the emulator lacks, of a board that QEMU does not emulate: for nothing
-/// but the emulator.
-pub fn in_emulator(board: &Board) -> Result<PathBuf> {
-    let elf = place(board, "-emulated");
-    replace(&elf, &image(&board.clone().in_emulator()?, &[])?)?;
-    Ok(elf)
-}
-
 /// Has Cargo build a firmware, and returns the ELF file's contents, sealed by their CRC. One that does not lie in
 /// the chip's memory as the board's file wants it is refused.
 pub fn image(board: &Board, options: &[&str]) -> Result<Vec<u8>> {
@@ -59,7 +51,8 @@ pub fn image_in(target: &Path, board: &Board, options: &[&str]) -> Result<Vec<u8
 /// Where a firmware is kept: Cargo gives every board's program the same name.
 pub fn place(board: &Board, suffix: &str) -> PathBuf {
     let folder = cargo::target_dir().join("firmware");
-    folder.join(format!("{}{suffix}.elf", board.name))
+    let machine = if board.is_in_qemu { "-qemu" } else { "" };
+    folder.join(format!("{}{machine}{suffix}.elf", board.name))
 }
 
 /// Reads a file.

@@ -64,12 +64,20 @@ pub fn check(board: &Board, image: &[u8]) -> Result<FlashUse> {
     })
 }
 
+/// What the program file of a firmware for QEMU names, and no other does.
+const OF_QEMU: &[u8] = b"src/board/qemu";
+
 /// Compares an image with the board and the number of axes that it was built for.
 pub fn check_board(board: &Board, image: &[u8]) -> Result<()> {
     let expected = board_data::fingerprint(board, cargo::axes().into());
     ensure!(
         symbol(image, board_data::FINGERPRINT)? == expected,
         "it was built for another board, or for another number of axes"
+    );
+    let names_qemu = image.windows(OF_QEMU.len()).any(|bytes| bytes == OF_QEMU);
+    ensure!(
+        names_qemu == board.is_in_qemu,
+        "it was built for QEMU, or is for it and was not"
     );
     Ok(())
 }

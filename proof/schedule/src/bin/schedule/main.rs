@@ -19,7 +19,7 @@ use std::{fs, path::Path, process::ExitCode};
 use anstream::{eprintln, println};
 use anyhow::{Context, Error, Result, anyhow, bail, ensure};
 use common::options::{self, Schedule as Options, Verb};
-use common::{BAUD, cargo, text::row, tools, ui, whole_thousands};
+use common::{BAUD, cargo, text::row, tools, whole_thousands};
 use firmware::boards::{Board, compile};
 use owo_colors::OwoColorize;
 use schedule::{Clock, Config, Input, Measured, Model, Report, Rule, replay::Summary};
@@ -34,7 +34,7 @@ fn main() -> ExitCode {
 }
 
 fn run(options: &Options) -> Result<ExitCode> {
-    let board = firmware::boards::named(&options.board)?;
+    let mut board = firmware::boards::named(&options.board)?;
     if options.table {
         return table(&board);
     }
@@ -49,6 +49,10 @@ fn run(options: &Options) -> Result<ExitCode> {
     if let Some(prefix) = &options.marks {
         marks::run(&board, prefix, options.write)?;
         return Ok(ExitCode::SUCCESS);
+    }
+    // What is followed is what was analysed.
+    if options.replay && options.elf.is_none() {
+        board = board.in_emulator()?;
     }
     let elf = match &options.elf {
         Some(elf) => elf.to_path_buf(),
@@ -83,7 +87,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     for flaw in &report.flaws {
         eprintln!("{}", text::flaw(flaw));
     }
-    let is_confirmed = !options.replay || replay_on(&board, &elf, &report, options)?;
+    let is_confirmed = !options.replay || replay(&board, &elf, &report)?;
     Ok(if report.flaws.is_empty() && is_confirmed {
         ExitCode::SUCCESS
     } else {
@@ -148,27 +152,6 @@ fn config() -> Result<Config> {
     let text =
         fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
     Config::parse(&text).map_err(Error::msg)
-}
-
-/// Follows the firmware of a board of which `report` was made. A board that QEMU does not emulate is built and
-/// analysed once more, with the stand-ins for what the emulator lacks, unless a program was given.
-fn replay_on(board: &Board, elf: &Path, report: &Report, options: &Options) -> Result<bool> {
-    if board.qemu.is_some() || options.elf.is_some() {
-        return replay(board, elf, report);
-    }
-    ui::status(
-        "Emulated",
-        &format!(
-            "{}: the firmware of its file with the emulator's stand-ins",
-            board.name
-        ),
-    );
-    let elf = compile::in_emulator(board)?;
-    let report = analyse(&elf, board, options)?;
-    for flaw in &report.flaws {
-        eprintln!("{}", text::flaw(flaw));
-    }
-    Ok(replay(board, &elf, &report)? && report.flaws.is_empty())
 }
 
 /// Follows a firmware of which `report` was made; whether nothing contradicts it.

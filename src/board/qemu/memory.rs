@@ -5,9 +5,10 @@ use core::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, Ordering::Relaxed};
 use leadscrew::{
     axis::AXES,
     model::{Levels, Outputs, Spindle},
+    stepper::StepEvent,
 };
 
-use crate::board::{outputs, pins};
+use crate::board::pins;
 
 /// A record of the outputs.
 #[repr(C)]
@@ -106,7 +107,7 @@ pub(super) fn have_contacts_changed() -> bool {
     has_changed
 }
 
-/// Records the outputs and the duty at rest.
+/// Records the outputs but the duty.
 pub(in crate::board) fn record_outputs(outputs: &Outputs) {
     let bits = [
         outputs.spindle != Spindle::Off,
@@ -117,12 +118,10 @@ pub(in crate::board) fn record_outputs(outputs: &Outputs) {
     ];
     let word = (0..).zip(bits).map(|(bit, is_on)| u32::from(is_on) << bit);
     FIGURES.switched.store(word.sum(), Relaxed);
-    record_duty();
 }
 
 /// Records the duty.
-pub(super) fn record_duty() {
-    let duty = outputs::duty();
+pub(in crate::board) fn record_duty(duty: u32) {
     FIGURES.duty.store(duty, Relaxed);
     if duty > FIGURES.highest_duty.load(Relaxed) {
         FIGURES.highest_duty.store(duty, Relaxed);
@@ -131,7 +130,7 @@ pub(super) fn record_duty() {
 
 /// Records the next event, which is due at a time in ticks.
 pub(super) fn record(due: u32) {
-    let (axes, directions) = pins::read_next(DIRECTIONS.load(Relaxed));
+    let (axes, directions) = read_next(DIRECTIONS.load(Relaxed));
     DIRECTIONS.store(directions, Relaxed);
     if axes == 0 {
         return;
@@ -160,6 +159,32 @@ pub(super) fn record(due: u32) {
             FIGURES.steps[axis].store(steps.wrapping_add(step), Relaxed);
         }
     }
+}
+
+/// Returns the outputs of the next event, from its words: the axes whose pulse begins, and the
+/// directions; those of `before` for axes whose direction does not change.
+fn read_next(before: u8) -> (u32, u8) {
+    let next = pins::next_words();
+    let (mut axes, mut directions) = (0, before);
+    let has = |event: StepEvent, but: StepEvent| {
+        let words = pins::words(event).into_iter().zip(pins::words(but));
+        next.into_iter()
+            .zip(words)
+            .any(|(next, (word, but))| next & word & !but != 0)
+    };
+    let none = StepEvent::default();
+    let forwards = StepEvent::set_directions(0, 0);
+    for axis in 0..AXES {
+        let is_due = has(StepEvent::new(0, 1 << axis, 0), none);
+        axes |= u32::from(is_due) << axis;
+        let backwards = StepEvent::set_directions(0, 1 << axis);
+        if has(backwards, forwards) {
+            directions |= 1 << axis;
+        } else if has(forwards, backwards) {
+            directions &= !(1 << axis);
+        }
+    }
+    (axes, directions)
 }
 
 fn add(word: &AtomicU32, value: u32) {

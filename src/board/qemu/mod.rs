@@ -1,4 +1,5 @@
-//! A stand-in for the hardware that the emulator lacks: the step timer, other timers, pins.
+//! A board of QEMU: its netduinoplus2, with a stand-in for the hardware that it lacks. The feature `qemu` builds the
+//! firmware for it, and the files of this folder take the places of those of the chip with their names.
 //!
 //! QEMU's netduinoplus2 has no clocks, no GPIO and no basic timers, and its SysTick is no clock
 //! for a hundred thousand events a second. So the step timer does not count there: the handler of a
@@ -8,8 +9,6 @@
 //! work, so that time passes as fast as the emulator executes the events, and no event is late
 //! because the host was busy; and each millisecond, by TIM2 itself, so that steps also preempt
 //! tasks. The firmware's tasks run unchanged.
-//!
-//! The watchdog is a count of TIM3's runs, which interrupts everything.
 //!
 //! In place of the pins, the handler records the outputs in memory, which a tool reads
 //! (`memory::FIGURES`), and reads the contacts from memory, which a test writes
@@ -22,32 +21,35 @@ use core::sync::atomic::{
     compiler_fence,
 };
 
-use cortex_m::peripheral::{NVIC, SCB};
+use cortex_m::peripheral::{NVIC, SCB, SYST};
 
+#[cfg(feature = "trace")]
+use super::trace::Activation;
 use super::{
-    fault, pac,
-    release::{INPUTS, PREPARE, pend_vector},
-    step_timer, trace,
-    vectors::nvic_priority,
+    pac,
+    release::pend_vector,
+    step_timer,
+    vectors::{PREPARE, nvic_priority},
 };
 
-mod flash;
-mod memory;
-
-pub(super) use flash::{erase_flash, read_flash, write_flash};
-pub(super) use memory::{contacts, is_line_low, record_outputs};
+pub(super) mod memory;
 
 /// The vector whose handler stands in for the step timer.
 const STAND_IN: pac::Interrupt = pac::Interrupt::TIM2;
+/// Vector of `inputs`.
+const INPUTS: pac::Interrupt = pac::Interrupt::TIM1_UP_TIM10;
 /// Period of TIM2, which runs the handler also while tasks have work: 1 ms of the emulated timer, ns.
 const PREEMPTION_NS: u32 = 1_000_000;
+
+/// The ring of the handler's records in `trace`.
+#[cfg(feature = "trace")]
+const RING: usize = 1;
+/// Core cycles in a tick: the step timer counts half ticks.
+const CYCLES_PER_TICK: u32 = 2;
 
 /// The time, and the time of the next event, ticks.
 static NOW: AtomicU32 = AtomicU32::new(0);
 static DUE: AtomicU32 = AtomicU32::new(0);
-
-/// Whether the firmware runs in the emulator.
-static IS_EMULATED: AtomicBool = AtomicBool::new(false);
 
 /// Events that the handler may play before `idle` runs again: two, one of them by TIM2.
 ///
@@ -59,16 +61,6 @@ static RUNS_LEFT: AtomicU32 = AtomicU32::new(0);
 static DELAY_MS: AtomicU32 = AtomicU32::new(0);
 static IS_DELAY_OVER: AtomicBool = AtomicBool::new(false);
 
-/// The vector that stands in for the watchdog, and its priority, above all others.
-const WATCHDOG: pac::Interrupt = pac::Interrupt::TIM3;
-const WATCHDOG_PRIORITY: u8 = 0x10;
-/// Its period, ns: 50 ms. The emulator's counters all have 32 bits.
-const WATCHDOG_NS: u32 = 50_000_000;
-/// Its runs left before it resets the machine; 0 before it is fed for the first time.
-static WATCHDOG_RUNS: AtomicU32 = AtomicU32::new(0);
-/// All of them: 8 s, unless the host is busy.
-const WATCHDOG_FULL: u32 = 160;
-
 /// Ticks between two samples of the contacts, 0 without samples; whether that period has just been
 /// set; when the next sample is due; and whether `inputs` was released for one.
 static SAMPLE_TICKS: AtomicU32 = AtomicU32::new(0);
@@ -78,56 +70,31 @@ static IS_SAMPLE: AtomicBool = AtomicBool::new(false);
 /// Whether a millisecond has passed since `idle` looked; more are not counted, as on a chip.
 static HAS_MILLISECOND_PASSED: AtomicBool = AtomicBool::new(false);
 
-/// Returns whether the firmware runs in the emulator.
-pub(super) fn is_emulated() -> bool {
-    IS_EMULATED.load(Relaxed)
-}
-
-/// Returns whether the firmware runs in the emulator, by its RCC: no chip has all clocks off. To be called before
-/// anything writes to it: from version 10 on, QEMU keeps what is written.
-pub(super) fn detect(rcc: &pac::RCC) -> bool {
-    let is_emulated = rcc.cr().read().bits() == 0;
-    IS_EMULATED.store(is_emulated, Relaxed);
-    is_emulated
-}
-
-/// Returns the time, ns: the emulator has no cycle counter, and its TIM5 counts its virtual time.
-#[cfg(feature = "trace-emulated")]
-#[inline]
+/// Reads the contacts for the first time, and starts TIM2.
 #[expect(unsafe_code, reason = "a timer that nobody owns")]
-pub(super) fn clock() -> u32 {
-    // SAFETY: reads a register without side effects.
-    unsafe { (*pac::TIM5::ptr()).cnt().read().cnt().bits() }
-}
-
-/// Returns how late an event is: none ever is.
-#[cfg(feature = "trace-emulated")]
-pub(super) const fn lateness() -> u32 {
-    0
-}
-
-/// Reads the contacts for the first time, and starts TIM2 at a priority between that of the step
-/// interrupt and those of all others, and TIM3 for the watchdog.
-#[expect(unsafe_code, reason = "vectors that RTIC does not manage")]
-pub(super) fn init(timer: &pac::TIM2, watchdog: &pac::TIM3, nvic: &mut NVIC) {
+pub(super) fn start() {
     /// Between 5 and 4 of RTIC: the emulator keeps all eight bits of a priority.
     const BETWEEN: u8 = u8::midpoint(nvic_priority(5), nvic_priority(4));
     let _ = memory::have_contacts_changed();
+    // SAFETY: the handler, which does not run yet, alone uses the timer.
+    let timer = unsafe { &*pac::TIM2::ptr() };
     // The counter is not cleared: the emulator would add what it was set back by to each period.
     timer.dier().write(|w| w.uie().set_bit());
     timer.cr1().write(|w| w.cen().set_bit());
     timer.arr().write(|w| w.arr().set(PREEMPTION_NS));
-    watchdog.dier().write(|w| w.uie().set_bit());
-    watchdog.cr1().write(|w| w.cen().set_bit());
-    // SAFETY: in the emulator alone.
-    watchdog.arr().write(|w| unsafe { w.bits(WATCHDOG_NS) });
+    unmask(STAND_IN, BETWEEN);
+}
+
+/// Gives a vector that RTIC does not manage a priority, and unmasks it.
+#[expect(unsafe_code, reason = "vectors that RTIC does not manage")]
+pub(super) fn unmask(vector: pac::Interrupt, priority: u8) {
     // SAFETY: RTIC keeps interrupts off until `init` has returned, and the handlers share nothing
     // under a lock.
     unsafe {
-        nvic.set_priority(STAND_IN, BETWEEN);
-        nvic.set_priority(WATCHDOG, WATCHDOG_PRIORITY);
-        NVIC::unmask(STAND_IN);
-        NVIC::unmask(WATCHDOG);
+        cortex_m::Peripherals::steal()
+            .NVIC
+            .set_priority(vector, priority);
+        NVIC::unmask(vector);
     }
 }
 
@@ -142,34 +109,13 @@ fn due() -> u32 {
 }
 
 /// Lets time pass while no task has work.
-pub(super) fn idle() {
+pub(crate) fn sleep() {
     if step_timer::is_running() {
         RUNS_LEFT.store(2, Relaxed);
         NVIC::pend(STAND_IN);
     } else {
         cortex_m::asm::wfi();
     }
-}
-
-/// Feeds the stand-in for the watchdog. Also from RAM.
-#[inline(always)]
-#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-pub(super) fn feed_watchdog() {
-    WATCHDOG_RUNS.store(WATCHDOG_FULL, Relaxed);
-}
-
-/// Counts a run for the watchdog.
-#[unsafe(no_mangle)]
-#[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
-extern "C" fn TIM3() {
-    // SAFETY: the handler alone uses the timer.
-    let timer = unsafe { &*pac::TIM3::ptr() };
-    timer.sr().write(|w| w.uif().clear_bit());
-    let left = WATCHDOG_RUNS.load(Relaxed);
-    if left == 1 {
-        fault::expire();
-    }
-    WATCHDOG_RUNS.store(left.saturating_sub(1), Relaxed);
 }
 
 /// Begins a delay of `prepare`.
@@ -180,9 +126,7 @@ pub(super) fn start_delay(delay_ms: u16) {
 
 /// Takes the end of the delay of `prepare`.
 pub(super) fn take_delay_end() -> bool {
-    let is_over = IS_DELAY_OVER.load(Relaxed);
-    IS_DELAY_OVER.store(false, Relaxed);
-    is_over
+    IS_DELAY_OVER.swap(false, Relaxed)
 }
 
 /// Sets the time between two samples of the contacts; 0: no samples.
@@ -193,22 +137,19 @@ pub(super) fn sample_every(ticks: u32) {
 
 /// Takes the release of `inputs` for a sample.
 pub(super) fn take_sample_release() -> bool {
-    let is_released = IS_SAMPLE.load(Relaxed);
-    IS_SAMPLE.store(false, Relaxed);
-    is_released
+    IS_SAMPLE.swap(false, Relaxed)
 }
 
 #[unsafe(no_mangle)]
 #[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
 extern "C" fn TIM2() {
-    let _activation = trace::stand_in();
+    #[cfg(feature = "trace")]
+    let _activation = Activation::<RING>::begin(None);
     if take_overflow() {
         count_millisecond();
     }
-    memory::record_duty();
     // No time has passed since the period was set.
-    if IS_SAMPLING_NEW.load(Relaxed) {
-        IS_SAMPLING_NEW.store(false, Relaxed);
+    if IS_SAMPLING_NEW.swap(false, Relaxed) {
         let ticks = SAMPLE_TICKS.load(Relaxed);
         SAMPLE_DUE.store(NOW.load(Relaxed).wrapping_add(ticks), Relaxed);
     }
@@ -234,7 +175,7 @@ fn play() {
         NOW.store(due(), Relaxed);
         // As a counter at zero does, takes what is in the reload register before the step interrupt
         // writes it.
-        count(step_timer::reload_ticks());
+        count((SYST::get_reload() + 1) / CYCLES_PER_TICK);
         compiler_fence(SeqCst);
         SCB::set_pendst();
     }

@@ -1,0 +1,122 @@
+//! The levels of the input pins and of the sender's line, and the timer that says when to look at them: TIM10.
+//!
+//! # Cost
+//!
+//! Everything that `inputs` calls is inlined, and the loop over the pins has the bound of the longest table of a board.
+
+use leadscrew::{machine::SAMPLE_TICKS, model::Levels, units::TICKS_PER_US};
+
+use super::{
+    chosen::{TIMERS_MHZ, WIRING},
+    pac,
+    wiring::{PortList, read_port},
+};
+
+/// Time between two runs while the inputs do not change, µs.
+const IDLE_PERIOD_US: u16 = 1000;
+/// Time between two samples, µs.
+const SAMPLE_PERIOD_US: u16 = (SAMPLE_TICKS / TICKS_PER_US) as u16;
+/// Where in each of these periods the timer sets a flag for `idle`, µs: far from their ends, which release `inputs` and
+/// so wake `idle`.
+const FLAG_US: u16 = 125;
+
+/// The timer of `inputs`.
+pub(super) struct SampleTimer(pac::TIM10);
+
+impl SampleTimer {
+    /// Starts the timer with the period of inputs that do not change. Its clock must run.
+    pub(super) fn new(timer: pac::TIM10) -> Self {
+        timer.psc().write(|w| w.psc().set(TIMERS_MHZ - 1));
+        timer.cr1().write(|w| w.urs().set_bit());
+        timer.dier().write(|w| w.uie().set_bit());
+        // By a compare channel without an output and an interrupt (RM0090 19.5.5).
+        timer.ccr1().write(|w| w.ccr().set(FLAG_US));
+        set_period(&timer, IDLE_PERIOD_US);
+        timer.cr1().write(|w| w.urs().set_bit().cen().set_bit());
+        Self(timer)
+    }
+
+    /// Takes the overflow of the timer.
+    #[inline]
+    pub(super) fn take_due(&mut self) -> bool {
+        let is_due = self.0.sr().read().uif().bit_is_set();
+        if is_due {
+            self.0.sr().write(|w| w.uif().clear_bit());
+        }
+        is_due
+    }
+
+    /// Begins periods of samples.
+    #[inline]
+    pub(super) fn start_sampling(&mut self) {
+        set_period(&self.0, SAMPLE_PERIOD_US);
+    }
+
+    /// Goes back to the period without samples.
+    #[inline]
+    pub(super) fn stop_sampling(&mut self) {
+        // The counter is below the new period, and goes on.
+        self.0.arr().write(|w| w.arr().set(IDLE_PERIOD_US - 1));
+    }
+}
+
+fn set_period(timer: &pac::TIM10, period_us: u16) {
+    timer.arr().write(|w| w.arr().set(period_us - 1));
+    timer.egr().write(|w| w.ug().set_bit());
+}
+
+/// Returns the time since the timer released the task, µs; `None` if the timer has not.
+#[cfg(feature = "trace")]
+#[inline]
+#[expect(unsafe_code, reason = "the task owns the timer")]
+pub(super) fn timer_release_age_us() -> Option<u16> {
+    // SAFETY: reads registers without side effects.
+    let timer = unsafe { &*pac::TIM10::ptr() };
+    // In this order: the flag of a period that ends in between must not go with the period before.
+    let is_due = timer.sr().read().uif().bit_is_set();
+    let age = timer.cnt().read().cnt().bits();
+    is_due.then_some(age)
+}
+
+/// The ports of the inputs.
+const INPUT_PORTS: PortList = WIRING.input_ports();
+
+/// Returns the closed contacts.
+#[inline]
+pub(super) fn read() -> Levels {
+    let mut levels = [0; INPUT_PORTS.length];
+    // wcet-bound: 9
+    for (index, level) in levels.iter_mut().enumerate() {
+        *level = read_port(INPUT_PORTS.port(index));
+    }
+    let mut closed = Levels::NONE;
+    // wcet-bound: 11
+    for input in WIRING.inputs {
+        let level = levels[INPUT_PORTS.index(input.pin.port())];
+        let is_high = level >> input.pin.number() & 1 != 0;
+        if is_high != input.is_active_low {
+            closed = closed | input.levels;
+        }
+    }
+    closed
+}
+
+/// Takes the flag of a period: returns whether one has passed since the last call, for `idle` alone. Of several, one
+/// counts: a break is noticed later, then.
+#[expect(unsafe_code, reason = "`inputs` owns the timer")]
+pub(super) fn take_period() -> bool {
+    // SAFETY: the flag is of this function alone, and ones leave the other flags as they are.
+    let timer = unsafe { &*pac::TIM10::ptr() };
+    let has_passed = timer.sr().read().cc1if().bit_is_set();
+    if has_passed {
+        timer.sr().write(|w| w.cc1if().clear_bit());
+    }
+    has_passed
+}
+
+/// Returns whether the sender's line is low. The level of a pin can be read also while a peripheral has it (RM0090
+/// 8.3.11).
+pub(super) fn is_line_low() -> bool {
+    let pin = WIRING.receive;
+    read_port(pin.port()) >> pin.number() & 1 == 0
+}
