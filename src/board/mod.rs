@@ -1,7 +1,7 @@
 //! The board: pins, clocks and peripherals. A file of `boards/` chooses it, of which `build.rs` makes
 //! [`chosen`]: which pin does what, and the clocks of the chip.
 //!
-//! Everything that needs `unsafe` is in this folder.
+//! Everything that needs `unsafe` is in this folder. Each module uses those below it in `tests/sources/layers.rs`.
 //! With the feature `qemu`, the folder of its name takes the place of the chip: see `qemu/mod.rs`.
 
 #![cfg_attr(feature = "qemu", allow(dead_code, reason = "the chip alone uses it"))]

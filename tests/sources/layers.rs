@@ -1,4 +1,4 @@
-//! Each module of `src/` uses the layers below its own, and no other: read from the sources.
+//! Each module of `src/`, and of `src/board/`, uses the layers below its own, and no other: read from the sources.
 
 use std::fmt::Write as _;
 
@@ -17,6 +17,36 @@ const LAYERS: [&[&str]; 11] = [
     &["tasks"],
     &["board", "sim"],
     &["app"],
+];
+
+/// The modules of `src/board/`, from the bottom up: each uses those of the lines before its own.
+const BOARD: [&[&str]; 12] = [
+    &[
+        "pre_init",
+        "proven",
+        "stack",
+        "trace_clock",
+        "vectors",
+        "wiring",
+    ],
+    &["chosen", "reset_state", "watchdog"],
+    &[
+        "contacts",
+        "delay_timer",
+        "host_clock",
+        "phase_pins",
+        "pins",
+        "pwm",
+    ],
+    &["backup_domain", "crystal", "eeprom", "image_check"],
+    &["clocks", "no_trace", "outputs", "trace"],
+    &["release", "step_timer"],
+    &["actuators", "line_level", "serial", "step_output"],
+    &["fault"],
+    &["supply"],
+    &["flash", "inputs"],
+    &["storage"],
+    &["power_up", "serial_session"],
 ];
 
 fn layer(module: &str) -> usize {
@@ -39,13 +69,16 @@ fn may_use(user: &str, used: &str) -> bool {
     user == used || layer(used) < layer(user) || layer(user) == 0 && layer(used) == 0
 }
 
+/// A source without its comments.
+fn code(source: &str) -> String {
+    let lines = source.lines();
+    let lines = lines.map(|line| line.split("//").next().unwrap_or_default());
+    lines.collect::<Vec<_>>().join("\n")
+}
+
 /// The modules of the crate that a source uses, with the number of the line.
 fn uses(module: &[&str], source: &str) -> Vec<(usize, String)> {
-    let code: String = source
-        .lines()
-        .map(|line| line.split("//").next().unwrap_or_default())
-        .collect::<Vec<_>>()
-        .join("\n");
+    let code = code(source);
     let mut found = Vec::new();
     for root in ["crate::", "leadscrew::"] {
         for (at, _) in code.match_indices(root) {
@@ -136,6 +169,47 @@ fn every_module_uses_only_what_is_below_it() {
         .collect();
     assert!(files.len() > 50, "the sources are not where they were");
     assert!(found.is_empty(), "\n{found}");
+}
+
+/// Returns the uses of `src/board/` by one of its modules that are not below it, a line for each. What is of `mod.rs`
+/// is above all: a type is used by its module.
+fn upward_in_board(user: &str, source: &str) -> String {
+    let layer = |module: &str| BOARD.iter().position(|layer| layer.contains(&module));
+    let own = layer(user).unwrap_or_else(|| {
+        panic!("src/board/{user}.rs is in no layer: add it to BOARD in tests/sources/layers.rs")
+    });
+    let code = code(source);
+    let mut found = String::new();
+    for root in ["crate::board::", "super::"] {
+        for (at, _) in code.match_indices(root) {
+            for (_, used) in heads(&code[at + root.len()..]) {
+                let is_type = used.starts_with(char::is_uppercase);
+                if is_type || layer(&used).is_some_and(|layer| layer >= own) {
+                    let _ = writeln!(found, "src/board/{user}.rs: `{used}` is not below it");
+                }
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn every_module_of_the_board_uses_only_what_is_below_it() {
+    let files = sources(&["src/board"]);
+    let modules = files.iter().filter_map(|(path, source)| {
+        let name = path.strip_prefix("src/board/")?.strip_suffix(".rs")?;
+        (!name.contains('/') && name != "mod").then_some((name, source))
+    });
+    let found: String = modules
+        .map(|(user, source)| upward_in_board(user, source))
+        .collect();
+    assert!(found.is_empty(), "\n{found}");
+    for source in [
+        "use super::{\n    pac,\n    supply,\n};\n",
+        "use super::Board;\n",
+    ] {
+        assert_ne!(upward_in_board("serial", source), "");
+    }
 }
 
 /// The files of `src/board/` outside of `qemu/` are those of a chip, and know nothing else.
