@@ -22,6 +22,7 @@ const LAYERS: [&[&str]; 11] = [
 /// The modules of `src/board/`, from the bottom up: each uses those of the lines before its own.
 const BOARD: [&[&str]; 12] = [
     &[
+        "handlers",
         "pre_init",
         "proven",
         "stack",

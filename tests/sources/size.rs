@@ -8,7 +8,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("proof", 28_500),
     ("src", 37_300),
     ("tests", 44_200),
-    ("xtask", 23_400),
+    ("xtask", 23_650),
 ];
 
 /// How far a ceiling may be above what is there, so that it is lowered with the code.
