@@ -74,6 +74,27 @@ pub enum Command {
     ToolPause,
 }
 
+impl Command {
+    /// Returns the end of the move; `None` for a command that does not move.
+    #[must_use]
+    pub const fn moved_to(&self) -> Option<&Target> {
+        match self {
+            Self::Line { target, .. } | Self::Arc { target, .. } | Self::Probe { target, .. } => {
+                Some(target)
+            }
+            Self::Power(_)
+            | Self::Dwell { .. }
+            | Self::Spindle { .. }
+            | Self::Speed(_)
+            | Self::ReverseTap { .. }
+            | Self::Coolant(_)
+            | Self::Overrides(_)
+            | Self::Pause
+            | Self::ToolPause => None,
+        }
+    }
+}
+
 /// The end of a move.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Target {

@@ -187,18 +187,7 @@ impl Blender {
                 }
             }
             Command::Power(laser) if self.laser == Some(laser) && self.has_line() => {}
-            Command::Line { .. }
-            | Command::Arc { .. }
-            | Command::Power(_)
-            | Command::Probe { .. }
-            | Command::Dwell { .. }
-            | Command::Spindle { .. }
-            | Command::Speed(_)
-            | Command::ReverseTap { .. }
-            | Command::Coolant(_)
-            | Command::Overrides(_)
-            | Command::Pause
-            | Command::ToolPause => self.pass(limits, command),
+            _ => self.pass(limits, command),
         }
         if let Command::Power(laser) = command {
             self.laser = Some(*laser);

@@ -21,28 +21,19 @@ const EXTREME_ERROR_NM: i64 = 5;
 /// Returns true if some part of a command's path from a position is outside the travel.
 #[must_use]
 pub fn leaves_travel(settings: &Settings, from: &Axes<Nm>, command: &Command) -> bool {
-    match command {
-        Command::Line { target, .. } | Command::Probe { target, .. } => {
-            is_outside(settings, &target.position)
+    let Some(target) = command.moved_to() else {
+        return false;
+    };
+    let to = &target.position;
+    let Command::Arc { circle, .. } = command else {
+        return is_outside(settings, to);
+    };
+    is_outside(settings, from)
+        || is_outside(settings, to)
+        || match TiltedArc::of(command, from, settings) {
+            Some(arc) => !arc.extremes_satisfy(|point| is_nearly_inside(settings, point)),
+            None => arc_leaves(settings, from, to, circle),
         }
-        Command::Arc { target, circle, .. } => {
-            is_outside(settings, from)
-                || is_outside(settings, &target.position)
-                || match TiltedArc::of(command, from, settings) {
-                    Some(arc) => !arc.extremes_satisfy(|point| is_nearly_inside(settings, point)),
-                    None => arc_leaves(settings, from, &target.position, circle),
-                }
-        }
-        Command::Power(_)
-        | Command::Dwell { .. }
-        | Command::Spindle { .. }
-        | Command::Speed(_)
-        | Command::ReverseTap { .. }
-        | Command::Coolant(_)
-        | Command::Overrides(_)
-        | Command::Pause
-        | Command::ToolPause => false,
-    }
 }
 
 /// A coordinate outside the travel.
@@ -72,24 +63,20 @@ impl OutsideTravel {
         if !leaves_travel(settings, from, command) {
             return None;
         }
-        match command {
-            Command::Line { target, .. } | Command::Probe { target, .. } => {
-                Self::at(settings, &target.position)
-            }
-            Command::Arc { target, circle, .. } => {
-                let ends = [*from, target.position];
-                let of_end = ends.iter().find_map(|end| Self::at(settings, end));
-                of_end.or_else(|| {
-                    Self::between_ends(
-                        settings,
-                        ends,
-                        circle,
-                        TiltedArc::of(command, from, settings),
-                    )
-                })
-            }
-            _ => None,
-        }
+        let to = command.moved_to()?.position;
+        let Command::Arc { circle, .. } = command else {
+            return Self::at(settings, &to);
+        };
+        let ends = [*from, to];
+        let of_end = ends.iter().find_map(|end| Self::at(settings, end));
+        of_end.or_else(|| {
+            Self::between_ends(
+                settings,
+                ends,
+                circle,
+                TiltedArc::of(command, from, settings),
+            )
+        })
     }
 
     /// Returns the coordinate of an arc where it is farthest out.

@@ -471,7 +471,7 @@ impl Session {
         let outside = of_hole.filter(|_| drills).or_else(|| {
             commands.find_map(|command| {
                 let start = from;
-                if let Command::Line { target, .. } | Command::Arc { target, .. } = command {
+                if let Some(target) = command.moved_to() {
                     from = target.position;
                 }
                 OutsideTravel::on_path(settings, &start, command)
@@ -497,21 +497,8 @@ impl Session {
             // Check mode ends a probing move before it has begun.
             let is_skipped = is_checking && matches!(command, Command::Probe { .. });
             let leaves = !is_skipped && leaves_travel(settings, &from, command);
-            match command {
-                Command::Line { target, .. } | Command::Arc { target, .. } => {
-                    from = target.position;
-                }
-                // A probing move is the last of its line.
-                Command::Probe { .. }
-                | Command::Power(_)
-                | Command::Dwell { .. }
-                | Command::Spindle { .. }
-                | Command::Speed(_)
-                | Command::ReverseTap { .. }
-                | Command::Coolant(_)
-                | Command::Overrides(_)
-                | Command::Pause
-                | Command::ToolPause => {}
+            if let Some(target) = command.moved_to() {
+                from = target.position;
             }
             leaves
         })

@@ -246,38 +246,27 @@ impl Session {
     /// Returns the work that replaces a move without a step.
     fn work_without_steps(&mut self, machine: &Snapshot, number: usize) -> Option<Work> {
         let line = &mut self.line;
-        match line.outcome.commands.get(number)? {
+        let probing = match line.outcome.commands.get(number)? {
             Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } => {
                 let feed_rate = *feed_rate;
-                self.power_without_steps(feed_rate)
+                return self.power_without_steps(feed_rate);
             }
-            // The probe cannot change in a move of length 0.
-            Command::Probe {
-                probing: Probing::Probe { is_away, may_miss },
-                ..
-            } => {
-                if machine.inputs.has(Levels::PROBE) != *is_away {
-                    return Some(Work::Fault(Alarm::ProbeState));
-                }
+            Command::Probe { probing, .. } => *probing,
+            _ => return None,
+        };
+        // The probe cannot change in a move of length 0.
+        match probing {
+            Probing::Probe { is_away, .. } if machine.inputs.has(Levels::PROBE) != is_away => {
+                Some(Work::Fault(Alarm::ProbeState))
+            }
+            Probing::Probe { may_miss, .. } => {
                 line.after_commands = Some(AfterCommands::Miss);
                 (!may_miss).then_some(Work::Fault(Alarm::ProbeContact))
             }
-            Command::Probe {
-                probing: Probing::LimitSwitch,
-                ..
-            } => {
+            Probing::LimitSwitch => {
                 line.after_commands = Some(AfterCommands::Answer);
                 None
             }
-            Command::Power(_)
-            | Command::Dwell { .. }
-            | Command::Spindle { .. }
-            | Command::Speed(_)
-            | Command::ReverseTap { .. }
-            | Command::Coolant(_)
-            | Command::Overrides(_)
-            | Command::Pause
-            | Command::ToolPause => None,
         }
     }
 
@@ -399,25 +388,9 @@ fn enqueue(
 
 /// Returns whether a command goes through the blender, in which `G64` may change it.
 fn is_blended(control: PathControl, command: &Command) -> bool {
-    match (control, command) {
-        (
-            PathControl::Continuous { .. },
-            Command::Line { .. } | Command::Arc { .. } | Command::Power(_) | Command::Speed(_),
-        ) => true,
-        (
-            PathControl::ExactPath | PathControl::ExactStop | PathControl::Continuous { .. },
-            Command::Line { .. }
-            | Command::Arc { .. }
-            | Command::Power(_)
-            | Command::Probe { .. }
-            | Command::Dwell { .. }
-            | Command::Spindle { .. }
-            | Command::Speed(_)
-            | Command::ReverseTap { .. }
-            | Command::Coolant(_)
-            | Command::Overrides(_)
-            | Command::Pause
-            | Command::ToolPause,
-        ) => false,
-    }
+    matches!(control, PathControl::Continuous { .. })
+        && matches!(
+            command,
+            Command::Line { .. } | Command::Arc { .. } | Command::Power(_) | Command::Speed(_)
+        )
 }
