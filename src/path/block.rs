@@ -1,8 +1,8 @@
 //! Blocks: the moves of the look-ahead queue, in steps and mm.
 
+use super::programmed_speed::nominal_mm_s;
 use crate::{
     axis::Axes,
-    math,
     model::{Laser, Overrides},
     stepper::StepArc,
 };
@@ -51,11 +51,6 @@ pub struct Block {
     pub line: u32,
 }
 
-/// Lowest nominal speed of what is not programmed more slowly, mm/s: Grbl's `MINIMUM_FEED_RATE` of 1 mm/min.
-pub(crate) const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
-/// Lowest speed of a move that takes a time, mm/s: a nanometre in the longest one.
-pub(crate) const LEAST_IN_A_TIME_MM_S: f32 = 1.0e-3 / u32::MAX as f32;
-
 impl Block {
     /// Returns the nominal speed under overrides, mm/s.
     #[inline]
@@ -66,8 +61,7 @@ impl Block {
             MoveKind::Feed => self.programmed_mm_s * (0.01 * f32::from(overrides.feed)),
             MoveKind::Fixed | MoveKind::Jog => self.programmed_mm_s,
         };
-        let least_mm_s = math::min(MIN_SPEED_MM_S, self.programmed_mm_s);
-        math::min(math::max(speed_mm_s, least_mm_s), self.limit_mm_s)
+        nominal_mm_s(speed_mm_s, self.programmed_mm_s, self.limit_mm_s)
     }
 }
 

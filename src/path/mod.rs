@@ -6,6 +6,7 @@ mod blending;
 mod block;
 mod compensation;
 mod entry;
+mod programmed_speed;
 mod router;
 mod tilted_arc;
 mod travel_limits;

@@ -24,8 +24,7 @@ pub(crate) use self::limits::Limits;
 use core::f32::consts::FRAC_1_SQRT_2;
 
 use super::{
-    BlendOutput, Blender, Block, Curve, MoveKind, Work,
-    block::{LEAST_IN_A_TIME_MM_S, MIN_SPEED_MM_S},
+    BlendOutput, Blender, Block, Curve, MoveKind, Work, programmed_speed::programmed_mm_s,
 };
 use crate::{
     axis::{AXES, Axes, LINEAR, Z},
@@ -474,18 +473,6 @@ fn scaled(feed_rate: FeedRate, per_feed_mm: f32) -> FeedRate {
         FeedRate::Jog(mm_min) => FeedRate::Jog(mm_min * per_feed_mm),
         FeedRate::Rapid | FeedRate::InverseTime(_) => feed_rate,
     }
-}
-
-/// Returns the programmed speed, mm/s: the limit for a rapid.
-fn programmed_mm_s(feed_rate: FeedRate, length_mm: f32, limit_mm_s: f32) -> f32 {
-    let programmed = match feed_rate {
-        FeedRate::Rapid => return limit_mm_s,
-        FeedRate::Feed(mm_min) | FeedRate::Jog(mm_min) => mm_min / 60.0,
-        FeedRate::InverseTime(per_min) => {
-            return math::max(length_mm * per_min / 60.0, LEAST_IN_A_TIME_MM_S);
-        }
-    };
-    math::max(programmed, MIN_SPEED_MM_S)
 }
 
 fn kind(feed_rate: FeedRate) -> MoveKind {

@@ -12,8 +12,13 @@
 //! deviation of 0, chords would stop at each corner: then the jerk limit holds on arcs, as it does on the
 //! arcs of rounded corners.
 
-use super::{Limits, programmed_mm_s};
-use crate::{axis::Axes, math, model::FeedRate, path::AveragingWindow};
+use super::Limits;
+use crate::{
+    axis::Axes,
+    math,
+    model::FeedRate,
+    path::{AveragingWindow, programmed_speed::programmed_mm_s},
+};
 
 /// Greatest part of the acceleration towards the centre. The part that is left along the path is the
 /// other leg of the triangle, √(1 - 0.9²) = 0.44.

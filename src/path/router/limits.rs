@@ -6,12 +6,11 @@
 
 use core::f32::consts::SQRT_2;
 
-use super::programmed_mm_s;
 use crate::{
     axis::{AXES, Axes, LINEAR},
     math,
     model::{FeedRate, core_xy},
-    path::AveragingWindow,
+    path::{AveragingWindow, programmed_speed::programmed_mm_s},
     settings::Settings,
     units::StepsPerMm,
 };
