@@ -18,6 +18,9 @@ pub const TICKS_PER_MS: u32 = TICKS_PER_SECOND / 1000;
 /// Timer ticks in one microsecond.
 pub const TICKS_PER_US: u32 = TICKS_PER_SECOND / 1_000_000;
 
+/// Millimetres in one inch.
+pub const MM_PER_INCH: f32 = 25.4;
+
 /// A coordinate or a distance along one axis, nm (for a rotary axis: millionths of a degree).
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Nm(pub i64);

@@ -364,6 +364,27 @@ impl ParsedLine {
         })
     }
 
+    /// A length in nm that means something else where it is 0: one that is not must not become it.
+    ///
+    /// # Errors
+    /// [`LineError::ValueOutOfRange`] for one that would become 0.
+    pub fn exact_length(&self, number: Decimal) -> Result<Nm, LineError> {
+        let length = self.length(number);
+        if length == Nm(0) && !number.is_zero() {
+            return Err(LineError::ValueOutOfRange);
+        }
+        Ok(length)
+    }
+
+    /// `P` as a dwell, in ms.
+    ///
+    /// # Errors
+    /// [`LineError::ValueOutOfRange`] for one that is too long.
+    pub fn dwell_ms(&self) -> Result<u32, LineError> {
+        let milliseconds = self.p.at_least_one(Decimal::to_thousandths);
+        u32::try_from(milliseconds).map_err(|_| LineError::ValueOutOfRange)
+    }
+
     /// Whether the line says where a move goes: by axis words, or by the centre of a full circle, which ends where it
     /// begins.
     #[must_use]

@@ -1,6 +1,9 @@
 //! Each module of `src/`, and of `src/board/`, uses the layers below its own, and no other: read from the sources.
 
-use std::fmt::Write as _;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt::Write as _,
+};
 
 use super::sources;
 
@@ -19,36 +22,8 @@ const LAYERS: [&[&str]; 11] = [
     &["app"],
 ];
 
-/// The modules of `src/board/`, from the bottom up: each uses those of the lines before its own.
-const BOARD: [&[&str]; 12] = [
-    &[
-        "handlers",
-        "pre_init",
-        "proven",
-        "stack",
-        "trace_clock",
-        "vectors",
-        "wiring",
-    ],
-    &["chosen", "reset_state", "watchdog"],
-    &[
-        "contacts",
-        "delay_timer",
-        "host_clock",
-        "phase_pins",
-        "pins",
-        "pwm",
-    ],
-    &["backup_domain", "crystal", "eeprom", "image_check"],
-    &["clocks", "no_trace", "outputs", "trace"],
-    &["release", "step_timer"],
-    &["actuators", "line_level", "serial", "step_output"],
-    &["fault"],
-    &["supply"],
-    &["flash", "inputs"],
-    &["storage"],
-    &["power_up", "serial_session"],
-];
+/// The folders whose modules use each other in one direction only.
+const WITHOUT_CIRCLES: [&str; 3] = ["board", "gcode/interpreter", "motion/jerk_limited"];
 
 fn layer(module: &str) -> usize {
     LAYERS
@@ -172,44 +147,86 @@ fn every_module_uses_only_what_is_below_it() {
     assert!(found.is_empty(), "\n{found}");
 }
 
-/// Returns the uses of `src/board/` by one of its modules that are not below it, a line for each. What is of `mod.rs`
-/// is above all: a type is used by its module.
-fn upward_in_board(user: &str, source: &str) -> String {
-    let layer = |module: &str| BOARD.iter().position(|layer| layer.contains(&module));
-    let own = layer(user).unwrap_or_else(|| {
-        panic!("src/board/{user}.rs is in no layer: add it to BOARD in tests/sources/layers.rs")
-    });
-    let code = code(source);
-    let mut found = String::new();
-    for root in ["crate::board::", "super::"] {
-        for (at, _) in code.match_indices(root) {
-            for (_, used) in heads(&code[at + root.len()..]) {
-                let is_type = used.starts_with(char::is_uppercase);
-                if is_type || layer(&used).is_some_and(|layer| layer >= own) {
-                    let _ = writeln!(found, "src/board/{user}.rs: `{used}` is not below it");
-                }
-            }
+/// Returns the modules of a folder that use each other in a circle, or one in such a circle: those that
+/// remain when all are removed, one by one, that use none of the others.
+fn circle(folder: &str, files: &[(String, String)]) -> BTreeSet<String> {
+    let inside = format!("{folder}/");
+    let modules: Vec<(&str, &str)> = files
+        .iter()
+        .filter_map(|(path, source)| {
+            let name = path.strip_prefix(&inside)?.strip_suffix(".rs")?;
+            (!name.contains('/') && name != "mod").then_some((name, source.as_str()))
+        })
+        .collect();
+    let mut uses: BTreeMap<String, BTreeSet<String>> = modules
+        .iter()
+        .map(|(name, source)| ((*name).to_owned(), siblings(folder, source)))
+        .collect();
+    loop {
+        let names: BTreeSet<String> = uses.keys().cloned().collect();
+        uses.retain(|name, used| used.iter().any(|used| used != name && names.contains(used)));
+        if uses.len() == names.len() {
+            return names;
         }
     }
-    found
+}
+
+/// The names that a source in a folder takes from the folder's modules.
+fn siblings(folder: &str, source: &str) -> BTreeSet<String> {
+    let code = source.split("#[cfg(test)]\nmod tests {").next();
+    let code = self::code(code.unwrap_or_default());
+    let from_root = format!("crate::{}::", folder.replace('/', "::"));
+    let names = ["super::", &from_root].into_iter().flat_map(|root| {
+        let places = code.match_indices(root);
+        places
+            .filter(|(at, _)| !code[..*at].ends_with("super::"))
+            .flat_map(|(at, _)| heads(&code[at + root.len()..]))
+            .map(|(_, name)| name)
+            .collect::<Vec<_>>()
+    });
+    names.collect()
 }
 
 #[test]
-fn every_module_of_the_board_uses_only_what_is_below_it() {
-    let files = sources(&["src/board"]);
-    let modules = files.iter().filter_map(|(path, source)| {
-        let name = path.strip_prefix("src/board/")?.strip_suffix(".rs")?;
-        (!name.contains('/') && name != "mod").then_some((name, source))
-    });
-    let found: String = modules
-        .map(|(user, source)| upward_in_board(user, source))
+fn modules_of_a_folder_use_each_other_in_no_circle() {
+    let files: Vec<(String, String)> = sources(&["src"])
+        .into_iter()
+        .map(|(path, source)| (path["src/".len()..].to_owned(), source))
         .collect();
-    assert!(found.is_empty(), "\n{found}");
-    for source in [
-        "use super::{\n    pac,\n    supply,\n};\n",
-        "use super::Board;\n",
+    for folder in WITHOUT_CIRCLES {
+        let inside = format!("{folder}/");
+        assert!(
+            files.iter().any(|(path, _)| path.starts_with(&inside)),
+            "src/{folder} is gone"
+        );
+        let circle = circle(folder, &files);
+        assert!(
+            circle.is_empty(),
+            "src/{folder}: these use each other: {circle:?}"
+        );
+    }
+}
+
+#[test]
+fn a_circle_is_found_however_it_is_written() {
+    let file = |name: &str, source: &str| (format!("gcode/{name}.rs"), source.to_owned());
+    let none = [
+        file("arc", "use super::{Move, words::Words};\n"),
+        file(
+            "words",
+            "// use super::arc::Arc;\n#[cfg(test)]\nmod tests {\n    use super::arc;\n}\n",
+        ),
+        file("mod", "use self::arc::Arc;\n"),
+    ];
+    assert_eq!(circle("gcode", &none), BTreeSet::new());
+    for back in [
+        "use super::{\n    Move,\n    arc::{A, B},\n};\n",
+        "fn f() { super::arc::f() }\n",
+        "use crate::gcode::arc::A;\n",
     ] {
-        assert_ne!(upward_in_board("serial", source), "");
+        let files = [none[0].clone(), file("words", back)];
+        let both = ["arc", "words"].map(str::to_owned);
+        assert_eq!(circle("gcode", &files), BTreeSet::from(both), "{back}");
     }
 }
 

@@ -3,13 +3,13 @@
 //! The circle's centre relative to the start is exact where it is programmed (`I J K`) and rounded
 //! to the nanometre where it is computed (`R`). Double precision, once per arc.
 
-use super::{Move, check::MM_PER_INCH, offsets::Frame};
+use super::{Move, offsets::Frame};
 use crate::{
     axis::Axes,
     decimal::Decimal,
     gcode::{ArcDistance, LineError, ParsedLine, Units, Word, Words},
     model::{Circle, Plane, Rotation},
-    units::{MicroDegrees, Nm},
+    units::{MM_PER_INCH, MicroDegrees, Nm},
 };
 
 /// Differences of the radii at both ends up to this are always accepted, in mm and in inches (LinuxCNC 2.9, measured with

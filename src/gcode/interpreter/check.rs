@@ -6,10 +6,9 @@ use core::ops::RangeInclusive;
 
 use super::{
     Action, Checked, Hint, Interpreter, LineKind, Move, arc, commit, compensation, cycle,
-    drilling::Drilling, home, power, targets, tools,
+    drilling::Drilling, home, offsets, power, reach::check_position, targets, tools,
 };
 use crate::{
-    axis::Axes,
     decimal::Decimal,
     gcode::{
         ArcDistance, AxisCommand, FEEDS_MM_MIN, FeedMode, Flow, INVERSE_TIMES, LineError,
@@ -18,15 +17,7 @@ use crate::{
     },
     model::{Laser, OverrideSwitches, PathControl},
     settings::Settings,
-    units::{Nm, Steps, StepsPerMm},
-};
-
-pub(super) const MM_PER_INCH: f32 = 25.4;
-/// The distance from zero that every axis reaches, that of the finest resolution: a position within it
-/// needs no division.
-const MIN_REACH: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
-    Some(finest) => finest.farthest(),
-    None => Nm(0),
+    units::{MM_PER_INCH, Nm, Steps},
 };
 
 pub(super) fn check(
@@ -294,29 +285,14 @@ fn dwell(parsed: &ParsedLine, unused: &mut Words) -> Result<Action, LineError> {
         return Err(LineError::MissingWord);
     }
     unused.remove(Word::P);
-    dwell_ms(parsed.p).map(Action::Dwell)
-}
-
-/// A dwell in ms.
-pub(super) fn dwell_ms(seconds: Decimal) -> Result<u32, LineError> {
-    let milliseconds = seconds.at_least_one(Decimal::to_thousandths);
-    u32::try_from(milliseconds).map_err(|_| LineError::ValueOutOfRange)
-}
-
-/// A length in nm that means something else where it is 0: one that is not must not become it.
-pub(super) fn exact_length(parsed: &ParsedLine, number: Decimal) -> Result<Nm, LineError> {
-    let length = parsed.length(number);
-    if length == Nm(0) && !number.is_zero() {
-        return Err(LineError::ValueOutOfRange);
-    }
-    Ok(length)
+    parsed.dwell_ms().map(Action::Dwell)
 }
 
 /// `G64`: the tolerances of the path, `P`, and of short lines, `Q`, which is `P` without the word. Without
 /// a `P`, or with 0, the path keeps to `$785` and no lines are merged.
 fn path_tolerance(parsed: &ParsedLine, settings: &Settings) -> Result<PathControl, LineError> {
     let distance_nm = |number: Decimal| {
-        let Nm(nm) = exact_length(parsed, number)?;
+        let Nm(nm) = parsed.exact_length(number)?;
         u32::try_from(nm).map_err(|_| LineError::ValueOutOfRange)
     };
     let tolerance_nm = distance_nm(parsed.p)?;
@@ -448,7 +424,7 @@ fn check_reach(
     checked: &Checked,
 ) -> Result<(), LineError> {
     if let Move::Cycle(words) = &checked.movement {
-        let frame = targets::frame(state, checked);
+        let frame = offsets::frame(state, checked);
         for corner in Drilling::new(state, checked, words).corners() {
             check_position(settings, &frame.machine(&corner))?;
         }
@@ -476,26 +452,6 @@ fn check_reach(
         }
     }
     Ok(())
-}
-
-pub(super) fn check_position(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineError> {
-    if is_within_min_reach(position) {
-        return Ok(());
-    }
-    let farthest = settings.farthest();
-    let mut both = position.iter().zip(&farthest);
-    if both.all(|(value, farthest)| -farthest.0 <= value.0 && value.0 <= farthest.0) {
-        Ok(())
-    } else {
-        Err(LineError::InvalidTarget)
-    }
-}
-
-/// Whether every axis reaches a position, whatever its resolution.
-#[inline]
-pub(super) fn is_within_min_reach(position: &Axes<Nm>) -> bool {
-    let is_reached = |value: &Nm| -MIN_REACH.0 <= value.0 && value.0 <= MIN_REACH.0;
-    position.iter().all(is_reached)
 }
 
 /// Whether the line switches the spindle or the coolant, or changes the tool or the work offset.

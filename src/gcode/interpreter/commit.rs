@@ -2,7 +2,7 @@
 
 use super::{
     Action, Checked, Compensation, Interpreter, LineKind, Message, Move, Outcome,
-    check::MM_PER_INCH, drilling::Drilling,
+    drilling::Drilling,
 };
 use crate::{
     axis::{Axes, Z},
@@ -11,7 +11,7 @@ use crate::{
         Command, Coolant, FeedRate, Laser, OverrideSwitches, Plane, Spindle, Target,
         WorkCoordinates,
     },
-    units::Nm,
+    units::{MM_PER_INCH, Nm},
 };
 
 /// A longer dwell of a cycle is announced, ms.

@@ -3,7 +3,7 @@
 //! The moves stay those of the program here. What the cutter does beside them is found out behind the
 //! interpreter, in `path/compensation.rs`. Read with LinuxCNC 2.9 "G40", "G41" and "G42".
 
-use super::{Action, Checked, Interpreter, LineKind, Move, check};
+use super::{Action, Checked, Interpreter, LineKind, Move};
 use crate::{
     axis::Axes,
     gcode::{
@@ -157,7 +157,7 @@ fn cutter(
     let diameter = if !mode.is_dynamic() {
         diameter_of_tool(state, parsed, checked)?
     } else if has_diameter {
-        check::exact_length(parsed, parsed.d)?
+        parsed.exact_length(parsed.d)?
     } else {
         return Err(LineError::MissingWord);
     };

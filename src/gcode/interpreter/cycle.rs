@@ -3,38 +3,16 @@
 //! Levels are work coordinates of the axis perpendicular to the plane. Read with LinuxCNC 2.9 "G-Codes",
 //! G73 to G89, and RS274NGC 3, section 3.5.16.
 
-use super::{Checked, Interpreter, check, drilling::Drilling, targets};
+use super::{
+    Checked, Interpreter,
+    drilling::{CycleWords, Drilling},
+    offsets, targets,
+};
 use crate::{
     axis::{LETTERS, Z},
     gcode::{Cycle, FeedMode, LineError, MotionMode, ParsedLine, Word, Words},
     units::Nm,
 };
-
-/// The words of a cycle, which its next lines may leave out.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct CycleWords {
-    pub(super) cycle: Cycle,
-    /// The level at which the first line in a cycle began.
-    pub(super) initial_level: Nm,
-    /// `R`.
-    pub(super) r: Nm,
-    /// The word of the depth axis.
-    pub(super) bottom: Nm,
-    /// `Q`: the depth of a peck.
-    pub(super) peck: Nm,
-    /// `P`, ms.
-    pub(super) dwell_ms: u32,
-    /// The words of the plane's axes, 0 without.
-    pub(super) in_plane: [Nm; 2],
-    /// The level at which the last line has ended.
-    pub(super) end_level: Nm,
-    /// Whether the line follows one of a cycle, which has left the tool at a level without obstacles.
-    pub(super) is_continued: bool,
-    /// `L`: how often this line drills.
-    pub(super) repeats: u8,
-    /// `$28`: how far above the last peck the next one begins.
-    pub(super) clearance: Nm,
-}
 
 /// Returns the words of a line that drills, with those before it where it leaves them out; removes them.
 ///
@@ -55,7 +33,7 @@ pub(super) fn words(
     let is_cycle_before = matches!(state.modal.motion, MotionMode::Cycle(_)) && is_same_plane;
     let is_same_cycle = state.modal.motion == modal.motion && is_same_plane;
     let before = &state.cycle;
-    let present = targets::present(state, &targets::frame(state, checked));
+    let present = offsets::present(state, &offsets::frame(state, checked));
     let given_or = |is_given: bool, given: Nm, before: Nm| match (is_given, is_same_cycle) {
         (true, _) => Ok(given),
         (false, true) => Ok(before),
@@ -153,7 +131,7 @@ fn dwell_ms(
         return known_ms.ok_or(LineError::MissingWord);
     }
     unused.remove(Word::P);
-    check::dwell_ms(parsed.p)
+    parsed.dwell_ms()
 }
 
 /// Returns `L`, 1 without.

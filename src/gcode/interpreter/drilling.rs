@@ -3,7 +3,10 @@
 //! Between holes the tool moves at the clear level only: `R` under `G99`, else the level at which the
 //! cycle began, if that is higher.
 
-use super::{Checked, Interpreter, cycle::CycleWords, offsets::Frame, targets};
+use super::{
+    Checked, Interpreter,
+    offsets::{self, Frame},
+};
 use crate::{
     axis::Axes,
     gcode::{Cycle, Distance, RetractMode},
@@ -14,6 +17,32 @@ use crate::{
 /// How long the spindle is off before it turns the other way, ms: longer than inputs of spindle drives
 /// are filtered.
 const DRIVE_TIME_MS: u32 = 10;
+
+/// The words of a cycle, which its next lines may leave out.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct CycleWords {
+    pub(super) cycle: Cycle,
+    /// The level at which the first line in a cycle began.
+    pub(super) initial_level: Nm,
+    /// `R`.
+    pub(super) r: Nm,
+    /// The word of the depth axis.
+    pub(super) bottom: Nm,
+    /// `Q`: the depth of a peck.
+    pub(super) peck: Nm,
+    /// `P`, ms.
+    pub(super) dwell_ms: u32,
+    /// The words of the plane's axes, 0 without.
+    pub(super) in_plane: [Nm; 2],
+    /// The level at which the last line has ended.
+    pub(super) end_level: Nm,
+    /// Whether the line follows one of a cycle, which has left the tool at a level without obstacles.
+    pub(super) is_continued: bool,
+    /// `L`: how often this line drills.
+    pub(super) repeats: u8,
+    /// `$28`: how far above the last peck the next one begins.
+    pub(super) clearance: Nm,
+}
 
 /// A line that drills.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -119,7 +148,7 @@ impl Drilling {
     pub(super) fn new(state: &Interpreter, checked: &Checked, words: &CycleWords) -> Self {
         let modal = &checked.modal;
         let (first, second, _) = modal.plane.axes();
-        let position = targets::present(state, &targets::frame(state, checked));
+        let position = offsets::present(state, &offsets::frame(state, checked));
         let (retract_level, bottom) = match modal.distance {
             Distance::Absolute => (words.r, words.bottom),
             Distance::Incremental => {

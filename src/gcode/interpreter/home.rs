@@ -3,7 +3,7 @@
 //!
 //! Read with grblHAL `machine_limits.c` (`apply_jog_limits`).
 
-use super::{Checked, Interpreter, targets};
+use super::{Checked, Interpreter, offsets};
 use crate::{
     axis::{AXES, Axes, LINEAR, Z},
     gcode::StoredPosition,
@@ -148,7 +148,7 @@ pub(super) fn shorten_jog(state: &Interpreter, settings: &Settings, checked: &mu
         checked.values[axis] = value;
         checked.single_mm[axis] = value.to_mm();
     }
-    let frame = targets::frame(state, checked);
+    let frame = offsets::frame(state, checked);
     if !frame.rotation.is_none() {
         checked.work_target = frame.work_position(&checked.values);
     }

@@ -19,6 +19,7 @@ mod home;
 mod offsets;
 mod plain;
 mod power;
+mod reach;
 mod targets;
 mod tool_change;
 mod tools;
@@ -26,8 +27,7 @@ mod tools;
 pub(in crate::gcode) use check::is_program_mark;
 use checked::{Action, LineKind, Move};
 use compensation::Compensation;
-use cycle::CycleWords;
-use drilling::Drilling;
+use drilling::{CycleWords, Drilling};
 use home::Home;
 use offsets::Frame;
 

@@ -3,6 +3,7 @@
 //! Machine position = origin + rotation · (work position + `G92`) + tool length offset, where the
 //! rotation is about Z: in the plane of X and Y. Read with LinuxCNC 2.9 "Coordinate Systems".
 
+use super::{Checked, Interpreter};
 use crate::{
     axis::{Axes, X, Y},
     gcode::StoredPosition,
@@ -116,5 +117,38 @@ impl Frame {
             }
         }
         position
+    }
+}
+
+/// Returns the work coordinates in which a line is executed: it may change the system and the tool
+/// length offset first.
+pub(super) fn frame(state: &Interpreter, checked: &Checked) -> Frame {
+    let system = checked.modal.coordinates;
+    if system == state.modal.coordinates && checked.tool == state.offsets.tool {
+        state.frame
+    } else {
+        frame_of(state, checked, system)
+    }
+}
+
+/// The same in a system.
+pub(super) fn frame_of(state: &Interpreter, checked: &Checked, system: WorkCoordinates) -> Frame {
+    let offsets = &state.offsets;
+    let known = &state.frame.rotation;
+    Frame::of(
+        &offsets.origins,
+        system,
+        &offsets.work,
+        &checked.tool,
+        known,
+    )
+}
+
+/// Returns the present position in work coordinates.
+pub(super) fn present(state: &Interpreter, frame: &Frame) -> Axes<Nm> {
+    if *frame == state.frame {
+        state.work_position()
+    } else {
+        frame.work_position(&state.position)
     }
 }

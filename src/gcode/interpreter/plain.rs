@@ -8,7 +8,7 @@
 //! A plain line is read where it waits, checked and executed at once, without a copy of all that a
 //! line could change: nearly all lines of a program are plain.
 
-use super::{Action, Checked, Interpreter, LineKind, Move, Outcome, check};
+use super::{Action, Checked, Interpreter, LineKind, Move, Outcome, reach};
 use crate::{
     axis::AXES,
     gcode::{Distance, FEEDS_MM_MIN, Flow, MotionMode, PlainPrefix, Refusal, Word, Words},
@@ -50,7 +50,7 @@ pub(super) fn execute<I: ExactSizeIterator<Item = u8> + Clone>(
         }
     };
     let target = target(state, prefix).ok_or(Refusal::NotPlain)?;
-    if !prefix.words.contains(Word::AXES) || !check::is_within_min_reach(&target.position) {
+    if !prefix.words.contains(Word::AXES) || !reach::is_within_min_reach(&target.position) {
         return Err(Refusal::NotPlain);
     }
     state.modal.motion = prefix.motion;

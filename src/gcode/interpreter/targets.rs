@@ -1,10 +1,9 @@
 //! Axis words to coordinates: targets of moves, origins, offsets.
 
 use super::{
-    Action, Checked, Interpreter,
-    check::{MM_PER_INCH, check_position},
-    home,
-    offsets::Frame,
+    Action, Checked, Interpreter, home,
+    offsets::{Frame, frame, frame_of, present},
+    reach::check_position,
 };
 use crate::{
     axis::{AXES, Axes, X, Y, Z},
@@ -12,43 +11,11 @@ use crate::{
     gcode::{Distance, LineError, NonModal, ParsedLine, Units, Word, Words},
     model::WorkCoordinates,
     settings::Settings,
-    units::{MicroDegrees, Nm},
+    units::{MM_PER_INCH, MicroDegrees, Nm},
 };
 
 /// The first angle that stands for every greater one, millionths of a degree.
 const FARTHEST_ANGLE: u64 = Decimal::CONVERSION_LIMIT.unsigned_abs();
-
-/// Returns the work coordinates in which a line is executed: it may change the system and the tool
-/// length offset first.
-pub(super) fn frame(state: &Interpreter, checked: &Checked) -> Frame {
-    let system = checked.modal.coordinates;
-    if system == state.modal.coordinates && checked.tool == state.offsets.tool {
-        state.frame
-    } else {
-        frame_of(state, checked, system)
-    }
-}
-
-fn frame_of(state: &Interpreter, checked: &Checked, system: WorkCoordinates) -> Frame {
-    let offsets = &state.offsets;
-    let known = &state.frame.rotation;
-    Frame::of(
-        &offsets.origins,
-        system,
-        &offsets.work,
-        &checked.tool,
-        known,
-    )
-}
-
-/// Returns the present position in work coordinates.
-pub(super) fn present(state: &Interpreter, frame: &Frame) -> Axes<Nm> {
-    if *frame == state.frame {
-        state.work_position()
-    } else {
-        frame.work_position(&state.position)
-    }
-}
 
 /// `G10`: returns the coordinate system of `P`; 0 and none stand for the system in use.
 pub(super) fn system_to_set(

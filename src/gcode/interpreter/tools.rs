@@ -4,7 +4,7 @@
 
 use core::num::NonZeroU8;
 
-use super::{Action, Checked, Interpreter, check, offsets::Frame, targets};
+use super::{Action, Checked, Interpreter, offsets::Frame, reach, targets};
 use crate::{
     axis::{Axes, LINEAR, X, Y},
     decimal::Decimal,
@@ -170,7 +170,7 @@ fn check_entry(entry: &ToolEntry, settings: &Settings) -> Result<(), LineError> 
     if !entry.fits() {
         return Err(LineError::InvalidTarget);
     }
-    check::check_position(settings, &along_all_axes(&entry.offset))
+    reach::check_position(settings, &along_all_axes(&entry.offset))
 }
 
 impl Checked {

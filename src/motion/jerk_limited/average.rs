@@ -24,7 +24,7 @@
 //!
 //! Whether a sample is needed is stored whenever that changes, as each run of `prepare` reads it twice.
 
-use super::reference::{LeavingSample, Sample};
+use super::reference::{LeavingSample, Sample, UNIT_MM};
 use crate::{
     math,
     model::timing::SAMPLE_S,
@@ -38,11 +38,6 @@ const WINDOW_SAMPLES: usize = 128;
 pub(in crate::motion) const SAMPLES_AHEAD: usize = 3;
 /// Time that is known when a segment is made, s: the longest segment's, and 1 µs for rounding.
 const KNOWN_S: f32 = LONGEST_SEGMENT_S + 1.0e-6;
-/// Units of distance in a mm: 1 nm.
-pub(super) const UNITS_PER_MM: f32 = 1_048_576.0;
-/// A unit of distance, mm.
-pub(super) const UNIT_MM: f32 = 1.0 / UNITS_PER_MM;
-
 /// The moving average of the reference, from the sample being played on.
 #[derive(Debug)]
 pub(in crate::motion) struct MovingAverage {

@@ -1,9 +1,6 @@
 //! The reference motion: its distance along the path in each sample of 1 ms.
 
-use super::{
-    average::{UNIT_MM, UNITS_PER_MM},
-    junctions::{BlockLimits, JunctionLimit, influence_mm},
-};
+use super::junctions::{BlockLimits, JunctionLimit, influence_mm};
 use crate::{math, model::timing::SAMPLE_S, motion::limits::NO_SPEED_LIMIT_MM_S};
 
 /// Share of a sample's change of speed by which the last sample before a standstill may be too long:
@@ -21,6 +18,11 @@ const BRAKING_TOLERANCE: f32 = 1.001;
 /// Factor up to which an acceleration is no lower than another: a small change of direction makes no
 /// more of a difference.
 const ACCELERATION_TOLERANCE: f32 = 1.005;
+
+/// Units of distance in a mm: 1 nm.
+pub(super) const UNITS_PER_MM: f32 = 1_048_576.0;
+/// A unit of distance, mm.
+pub(super) const UNIT_MM: f32 = 1.0 / UNITS_PER_MM;
 
 /// The blocks ahead, and the junction limits at their ends.
 pub(in crate::motion) trait BlocksAhead {
