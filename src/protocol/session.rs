@@ -15,15 +15,21 @@ mod host;
 mod host_bytes;
 mod host_commands;
 mod host_lines;
+mod line_break;
+mod line_execution;
 mod machine_sync;
 mod notifications;
 mod operator_message;
 mod persistence;
 mod position_stream;
+mod power_up;
+mod probing;
 mod program;
 mod queued_duration;
+mod reports;
 mod reset;
 mod sending;
+mod stage;
 #[cfg(arc_machine)]
 mod stored_program;
 mod tool_change;
@@ -34,29 +40,30 @@ use heapless::spsc::Producer;
 
 use super::{
     bytes::{ByteReader, ByteWriter},
-    dollar::List,
-    line::Line,
     listing::FaultCounts,
-    report::Feedback,
+    report::{self, Feedback},
 };
 use crate::{
     axis::Axes,
-    gcode::{
-        LineError, PlainPrefix,
-        interpreter::{Checked, Interpreter, Outcome},
-    },
+    gcode::{LineError, interpreter::Interpreter},
     machine::Snapshot,
-    model::{Awaited, Probed, Requests, ResetCause, SelfTestFault, queues::ENTRY_RING},
-    path::{Blender, Compensator, Entry, Router, TiltedArc},
+    model::{Awaited, Requests, ResetCause, SelfTestFault, queues::ENTRY_RING},
+    path::{Blender, Compensator, Entry, Router},
     settings::{Change, Changes, Settings, StoreError, Stored, ToolTable},
-    units::{FineSteps, Nm},
+    stepper::SegmentRing,
+    units::FineSteps,
 };
 use host::Host;
-use machine_sync::{LineBreak, MachineSync};
-use notifications::Reports;
+use line_break::{LineBreak, WorkLeft};
+use line_execution::{LineExecution, Source};
+use machine_sync::MachineSync;
 use operator_message::OperatorMessages;
-use persistence::{AfterStore, Persistence};
+use persistence::Persistence;
 use position_stream::PositionStream;
+use power_up::PowerUp;
+use probing::ProbeRecord;
+use reports::Reports;
+use stage::{AfterCommands, LineStage};
 use tool_change::ToolChange;
 
 /// Lines that one run executes, at most: moves of one line each that fill the queue of entries. More
@@ -70,127 +77,6 @@ pub enum Progress {
     Again,
     /// Nothing can be done before the next byte, the next room, or a change of the machine.
     Waiting,
-}
-
-/// What the session is doing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum LineStage {
-    /// Power-up, or a reset that the machine has not yet acted on.
-    Starting {
-        /// Nothing was stored: the sender gets an error and the defaults before the welcome.
-        is_first_boot: bool,
-        /// The reset has interrupted a line, which gets its `ok` before the welcome.
-        owes_answer: bool,
-    },
-    /// The defaults are being listed before the first welcome; this line is next.
-    ListingDefaults(usize),
-    /// The welcome is next.
-    Welcoming,
-    /// The first startup line from this one on that is not empty is next.
-    StartingUp(usize),
-    /// Receiving a line.
-    Reading,
-    /// The same, in a change of the tool: a line of the operator.
-    ReadingManual,
-    /// A line is complete but needs standstill; it has had no effect, and is dispatched again then.
-    AwaitingStandstill,
-    /// The commands of a line go to the machine; this one is next.
-    Sending(usize),
-    /// What compensation has released goes to the machine, then the line from this command on.
-    Compensating(usize),
-    /// All commands have gone to the machine; this follows when they are done.
-    Completing(AfterCommands),
-    /// The platform stores a change; this follows.
-    Storing(AfterStore),
-    /// A list is being sent; this line of it is next.
-    Listing(List, usize),
-    /// The answer to `M115` is being sent; this line of it is next.
-    ListingFirmware(usize),
-    /// The answer to `M503` is being sent; this line of it is next.
-    ListingHostSettings(usize),
-    /// The line has been answered, and ends with a reset.
-    Resetting,
-    /// The line leaves the travel: the alarm is to be sent to the machine.
-    Faulting,
-    /// Only a reset ends the line, and answers it.
-    Faulted,
-    /// Asleep: only a reset ends it.
-    Asleep,
-}
-
-/// What follows when the machine has done everything that a line asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum AfterCommands {
-    /// The answer.
-    Answer,
-    /// A message and the answer.
-    Message(Feedback),
-    /// The position after a probing move, and the answer.
-    Probe,
-    /// The report of a missed probing move without a step, and the answer.
-    Miss,
-    /// The result of homing, and the startup lines after homing all axes.
-    Home {
-        /// The axes, bit 0 = X; 0 for all.
-        mask: u8,
-    },
-    /// The return from a change of the tool.
-    ToolPause,
-    /// The rest of the line that has changed the tool.
-    ToolReturn,
-    /// The line, which has only waited so far.
-    Again,
-}
-
-/// The origin of the line in execution.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Source {
-    /// The sender.
-    Line,
-    /// The sender, after `$J=`.
-    Jog,
-    /// The sender, after `$Nn=`: to be stored as startup line `number`, from byte `start` on, and
-    /// then executed.
-    NewStartup {
-        number: usize,
-        start: usize,
-        is_stored: bool,
-    },
-    /// This startup line. Afterwards the `ok` of `$H` is due, or nothing.
-    Startup { number: usize, is_homed: bool },
-}
-
-/// The line in execution.
-#[derive(Debug)]
-struct LineExecution {
-    source: Source,
-    /// What follows the commands of the line.
-    after_commands: Option<AfterCommands>,
-    /// The result of the last check.
-    checked: Checked,
-    /// The plain words that the line begins with.
-    prefix: PlainPrefix,
-    /// The line as received.
-    input: Line,
-    /// The commands of the line.
-    outcome: Outcome,
-    /// Whether these are compensated.
-    is_compensated: bool,
-    /// The arc of which chords are being sent.
-    tilted: Option<TiltedArc>,
-    /// The command in whose place those of the holes are sent, of a line that drills.
-    drilling: Option<usize>,
-}
-
-/// The last probing move.
-#[derive(Debug, Default)]
-struct ProbeRecord {
-    /// What was reported last.
-    reported: Probed,
-    /// Where the move in execution began.
-    start: Axes<Nm>,
-    /// Whether the move in execution has ended.
-    has_ended: bool,
 }
 
 /// The state and the ends of queues that one run of the session works with.
@@ -219,14 +105,13 @@ pub struct Session {
     compensator: Compensator,
     probing: ProbeRecord,
     tool_change: ToolChange,
+    /// The last break on the line.
+    line_break: LineBreak,
     /// What senders of other dialects than Grbl's need.
     host: Host,
     /// The position as it was sent last, unasked.
     stream: PositionStream,
-    /// Why the firmware has begun to run.
-    reset_cause: ResetCause,
-    /// What the self-test at power-up has found wrong.
-    self_test_fault: Option<SelfTestFault>,
+    power_up: PowerUp,
     /// What should never happen, and has happened.
     faults: FaultCounts,
     /// The tool that is in the spindle while programs are only checked.
@@ -250,17 +135,7 @@ impl Session {
             machine_sync: MachineSync::default(),
             router: Router::new(&stored.settings),
             interpreter,
-            line: LineExecution {
-                source: Source::Line,
-                after_commands: None,
-                checked: Checked::default(),
-                prefix: PlainPrefix::default(),
-                input: Line::new(),
-                outcome: Outcome::default(),
-                is_compensated: false,
-                tilted: None,
-                drilling: None,
-            },
+            line: LineExecution::new(),
             reports: Reports::default(),
             blender: Blender::new(),
             compensator: Compensator::new(),
@@ -268,10 +143,10 @@ impl Session {
             operator_messages: OperatorMessages::default(),
             probing: ProbeRecord::default(),
             tool_change: ToolChange::new(),
+            line_break: LineBreak::None,
             host: Host::new(),
             stream: PositionStream::default(),
-            reset_cause: ResetCause::Power,
-            self_test_fault: None,
+            power_up: PowerUp::default(),
             faults: FaultCounts::default(),
             tool_before_check: None,
             #[cfg(arc_machine)]
@@ -281,12 +156,12 @@ impl Session {
 
     /// Sets why the firmware has begun to run.
     pub const fn set_reset_cause(&mut self, cause: ResetCause) {
-        self.reset_cause = cause;
+        self.power_up.reset_cause = cause;
     }
 
     /// Sets what the self-test at power-up has found wrong, for which the machine comes up in alarm 16.
     pub const fn set_self_test_fault(&mut self, fault: Option<SelfTestFault>) {
-        self.self_test_fault = fault;
+        self.power_up.self_test_fault = fault;
     }
 
     /// Sets which records are damaged, for which the machine comes up locked.
@@ -422,8 +297,8 @@ impl Session {
     ) -> Progress {
         requests.wake_on(Awaited::ALL);
         self.reports.is_status_due |= requests.take_status();
-        self.observe(machine);
-        let is_next = self.is_welcome_sent()
+        self.reports.observe(machine, &mut self.interpreter);
+        let is_next = self.stage.is_welcome_sent()
             && requests.reset_count() == self.machine_sync.reset_count
             && self.reports.message.is_empty()
             && !self.reports.has_notices(machine);
@@ -437,34 +312,32 @@ impl Session {
         }
     }
 
+    /// Sends the position of [`PositionStream`] if it has changed and a line is due: `$792` ms of motion after the last one,
+    /// and at rest. After [`Session::run`], whose progress it is told.
+    #[inline]
+    pub fn stream_position(
+        &mut self,
+        progress: Progress,
+        machine: &Snapshot,
+        segments: &SegmentRing,
+        requests: &Requests,
+        sent: &mut ByteWriter<'_>,
+    ) {
+        if self.settings().stream_interval_ms >= 1.0 {
+            let is_free = !self.reports.is_pending() && self.stage.is_welcome_sent();
+            let settings = &self.persistence.stored.settings;
+            let now_ticks = segments.played_start_ticks();
+            let sent = is_free.then_some(sent);
+            self.stream.send_changed(machine, settings, now_ticks, sent);
+            if progress == Progress::Waiting {
+                requests.wake_on(self.awaited());
+            }
+        }
+    }
+
     /// Returns the events that let the session continue, besides a change of the machine's state.
     fn awaited(&self) -> Awaited {
-        let work = match self.stage {
-            LineStage::Reading if self.blender.has_pending() => Awaited::LINE
-                .union(Awaited::ENTRIES)
-                .union(Awaited::SEGMENTS),
-            LineStage::Reading | LineStage::ReadingManual => Awaited::LINE,
-            LineStage::Sending(_) | LineStage::Compensating(_)
-                if self.machine_sync.waits_for_time =>
-            {
-                Awaited::ENTRIES.union(Awaited::SEGMENTS)
-            }
-            LineStage::Sending(_) | LineStage::Compensating(_) => Awaited::ENTRIES_BATCHED,
-            LineStage::Starting { .. }
-            | LineStage::ListingDefaults(_)
-            | LineStage::Welcoming
-            | LineStage::StartingUp(_)
-            | LineStage::AwaitingStandstill
-            | LineStage::Completing(_)
-            | LineStage::Storing(_)
-            | LineStage::Listing(..)
-            | LineStage::ListingFirmware(_)
-            | LineStage::ListingHostSettings(_)
-            | LineStage::Resetting
-            | LineStage::Faulting
-            | LineStage::Faulted
-            | LineStage::Asleep => Awaited::ENTRIES,
-        };
+        let work = self.stage.awaited(&self.blender, &self.machine_sync);
         let work = if self.reports.is_pending() {
             work.union(Awaited::ROOM)
         } else {
@@ -480,7 +353,7 @@ impl Session {
         } else {
             work
         };
-        let work = work.union(self.awaited_by_stream());
+        let work = work.union(self.stream.awaited(self.settings()));
         if self.host.dialect.is_reprap() {
             // Each line may be the command of an emergency.
             work.union(Awaited::LINE)
@@ -500,7 +373,7 @@ impl Session {
             continue_if(self.persistence.requested().is_none())?;
         }
         self.begin_reset(links.requests.reset_count());
-        self.observe(machine);
+        self.reports.observe(machine, &mut self.interpreter);
         self.drop_cancelled(machine);
         continue_if(self.send_pending(links))?;
         continue_if(self.start(links))?;
@@ -508,14 +381,55 @@ impl Session {
         self.sync_at_standstill(machine);
         continue_if(self.send_pending(links))?;
         if links.requests.take_line_break() {
-            self.machine_sync.line_break = LineBreak::Pending;
+            self.line_break = LineBreak::Pending;
         }
-        if self.machine_sync.line_break != LineBreak::None {
-            self.hold_after_break(links);
+        if self.line_break != LineBreak::None {
+            self.attend_line_break(links);
             continue_if(self.send_pending(links))?;
         }
-        continue_if(self.answer_status(links))?;
+        if self.reports.is_status_due && self.stage.is_welcome_sent() {
+            let received_free = links.received.capacity() - links.received.len();
+            continue_if(self.send_status(machine, received_free, links.sent))?;
+        }
         continue_if(!(machine.has_underrun || machine.is_critical) || self.report_fault(links))
+    }
+
+    /// Sends a status report. Returns false when there is no room.
+    fn send_status(
+        &mut self,
+        machine: &Snapshot,
+        received_free: usize,
+        sent: &mut ByteWriter<'_>,
+    ) -> bool {
+        let settings = &self.persistence.stored.settings;
+        let reports = &mut self.reports;
+        reports.send_status(machine, settings, &self.interpreter, received_free, sent)
+    }
+
+    /// Holds the machine after a break on the line; a pause that would end by itself waits for the operator.
+    #[cold]
+    #[inline(never)]
+    fn attend_line_break(&mut self, links: &Links<'_, '_>) {
+        let machine = links.machine;
+        if self.machine_sync.is_cancelled(machine) || self.is_restarting_host() {
+            return;
+        }
+        let is_first = self.line_break == LineBreak::Pending;
+        let left = WorkLeft {
+            is_moving: !self.is_done(machine),
+            has_line: links.received.may_have_line(),
+            goes_on: self.stage.goes_on(&self.persistence.stored.startup),
+        };
+        let Some(holds) = self.line_break.take_hold(machine.state, left) else {
+            return;
+        };
+        if holds {
+            self.request_hold(links);
+        }
+        let was_timed = self.host.pause_ms.take().is_some();
+        if (holds || was_timed) && is_first {
+            report::feedback(&mut self.reports.message, Feedback::LineBreak);
+        }
     }
 
     /// Executes lines while entries wait for the machine, else one stage of one line.

@@ -10,10 +10,10 @@
 
 use heapless::spsc::Producer;
 
-use super::{LineStage, Links, Session, Source};
+use super::{LineStage, Links, Session};
 use crate::{
     machine::Snapshot,
-    model::{PathControl, State},
+    model::State,
     path::{Entry, Work},
     protocol::report,
 };
@@ -28,15 +28,6 @@ const HANDOVER_ENTRIES: u32 = 8;
 const HANDOVER_S: f32 = 0.03;
 
 impl Session {
-    /// Returns the path control of the line in execution: jogs keep to their path.
-    pub(super) fn path_control(&self) -> PathControl {
-        if self.line.source == Source::Jog || self.line.drilling.is_some() {
-            PathControl::ExactPath
-        } else {
-            self.interpreter.modal().path
-        }
-    }
-
     /// Drops moves that the machine would not execute: it is locked, or has ended a motion early.
     pub(super) fn drop_cancelled(&mut self, machine: &Snapshot) {
         let is_dropped = machine.state == State::Alarm || self.machine_sync.is_cancelled(machine);

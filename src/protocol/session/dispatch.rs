@@ -202,7 +202,7 @@ impl Session {
                     (true, BuildLine::StepRate),
                     (is_extended, BuildLine::NewOptions),
                     (
-                        is_extended || self.reset_cause.alarm().is_some(),
+                        is_extended || self.power_up.reset_cause.alarm().is_some(),
                         BuildLine::ResetCause,
                     ),
                     (is_extended || has_faults, BuildLine::Faults),
@@ -214,7 +214,9 @@ impl Session {
                     Some(BuildLine::Options) => listing::options(text, BLOCKS, received_bytes),
                     Some(BuildLine::StepRate) => listing::step_rate(text, settings.step_rate),
                     Some(BuildLine::NewOptions) => listing::new_options(text),
-                    Some(BuildLine::ResetCause) => listing::reset_cause(text, self.reset_cause),
+                    Some(BuildLine::ResetCause) => {
+                        listing::reset_cause(text, self.power_up.reset_cause);
+                    }
                     Some(BuildLine::Faults) => listing::faults(text, faults),
                     Some(BuildLine::Damage) => {
                         let tools = self.interpreter.tools();

@@ -362,7 +362,7 @@ impl Session {
 
     /// Reports the position where that is due. Returns whether it is.
     fn report_position_in_time(&mut self, passed_ms: u32, links: &Links<'_, '_>) -> bool {
-        let is_welcome_sent = self.is_welcome_sent();
+        let is_welcome_sent = self.stage.is_welcome_sent();
         let host = &mut self.host;
         let timers = &mut host.timers;
         timers.position_ms = timers.position_ms.saturating_add(passed_ms);
@@ -381,7 +381,7 @@ impl Session {
         let machine = links.machine;
         // A line waits in the queue while the machine is held.
         let has_held_line = machine.state.is_suspended() && links.received.may_have_line();
-        let is_waiting = self.is_line_begun() || has_held_line;
+        let is_waiting = self.stage.is_line_begun() || has_held_line;
         let is_idle = self.host.has_begun
             && links.received.is_empty()
             && self.host.raw_is_empty()

@@ -10,18 +10,6 @@ use crate::{
     units::Nm,
 };
 
-/// A break on the line that has not had its whole effect yet.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) enum LineBreak {
-    /// There is none.
-    #[default]
-    None,
-    /// It has had no effect yet.
-    Pending,
-    /// It has ended a jog; what waits behind that is still to be held.
-    JogEnded,
-}
-
 /// The programmed position where the path goes on from the machine's whole steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ProgrammedPosition {
@@ -50,8 +38,6 @@ pub(super) struct MachineSync {
     pub(super) has_release_request: bool,
     /// The next line of the program follows a refused one, and the machine is held before it: `$796`.
     pub(super) follows_refused: bool,
-    /// The last break on the line.
-    pub(super) line_break: LineBreak,
     /// Distance before the end of the last blended move at which the machine must know more, mm.
     pub(super) handover_mm: f32,
     /// A command waits until what has been sent lasts no longer than `$797`.

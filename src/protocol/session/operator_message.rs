@@ -3,11 +3,9 @@
 
 use heapless::{Deque, Vec};
 
-use super::{Session, Source};
 use crate::{
     machine::Snapshot,
-    model::State,
-    protocol::{line::COMMENT_BYTES, report},
+    protocol::{line::COMMENT_BYTES, report, text::Text},
 };
 
 /// Messages that may wait: before one more, the machine comes to rest.
@@ -31,74 +29,33 @@ impl OperatorMessages {
         !self.0.is_empty()
     }
 
+    /// Returns whether there is no room for another one.
+    pub(super) fn is_full(&self) -> bool {
+        self.0.is_full()
+    }
+
     /// Drops all.
     pub(super) fn clear(&mut self) {
         self.0.clear();
     }
-}
 
-impl Session {
-    /// Returns the message of the line, or nothing. A pause has any comment for one.
-    fn operator_text(&self, is_pause: bool) -> &[u8] {
-        let input = &self.line.input;
-        let is_shown = self.line.source == Source::Line && !self.host.dialect.is_reprap();
-        match (is_shown, is_pause) {
-            (false, _) => &[],
-            (true, true) => input.comment_text(),
-            (true, false) => input.message(),
-        }
-    }
-
-    /// Returns whether the line has a message for which there is no room.
-    #[inline]
-    pub(super) fn waits_for_message(&self, is_pause: bool) -> bool {
-        self.operator_messages.0.is_full() && !self.operator_text(is_pause).is_empty()
-    }
-
-    /// Keeps the message of the line, if it has one, until the entries that have been sent are finished.
-    #[inline]
-    pub(super) fn queue_message(&mut self, is_pause: bool, machine: &Snapshot) {
-        if !self.line.input.comment().is_empty() {
-            self.queue_comment(is_pause, machine);
-        }
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn queue_comment(&mut self, is_pause: bool, machine: &Snapshot) {
-        let text = self.operator_text(is_pause);
-        if text.is_empty() {
-            return;
-        }
+    /// Keeps a message until this number of entries is finished. There is room: else the line would have waited.
+    pub(super) fn push(&mut self, text: &[u8], due: u32) {
         // Too long a text has been cut before.
         let text = Vec::from_slice(text).unwrap_or_default();
-        // A move that is held back may still be joined with others, or be changed by the next one.
-        let is_held_back = self.blender.has_pending() || self.compensator.is_waiting();
-        let has_passed = self.is_done(machine) && !is_held_back;
-        if machine.state == State::Check || has_passed {
-            report::operator_message(&mut self.reports.message, &text);
-            return;
-        }
-        let due = self.machine_sync.entered;
-        let due = due.wrapping_add(u32::from(is_held_back));
-        // There is room: else the line would have waited.
-        let _ = self
-            .operator_messages
-            .0
-            .push_back(OperatorMessage { text, due });
+        let _ = self.0.push_back(OperatorMessage { text, due });
     }
 
-    /// Writes the oldest message that waits, if the machine has come to its line.
+    /// Writes the oldest message, if the machine has come to its line.
     #[inline]
-    pub(super) fn report_due_message(&mut self, machine: &Snapshot) {
+    pub(super) fn write_due(&mut self, machine: &Snapshot, text: &mut Text) {
         let has_passed = |message: &OperatorMessage| {
             machine.finished.wrapping_sub(message.due).cast_signed() >= 0
         };
-        let messages = &mut self.operator_messages.0;
-        if messages.front().is_some_and(has_passed)
-            && let Some(message) = messages.pop_front()
+        if self.0.front().is_some_and(has_passed)
+            && let Some(message) = self.0.pop_front()
         {
-            report::operator_message(&mut self.reports.message, &message.text);
+            report::operator_message(text, &message.text);
         }
     }
 }

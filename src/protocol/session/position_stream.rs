@@ -7,13 +7,12 @@
 //! With the stream off, `interpret` tests one setting; no other task knows of it. With the stream on,
 //! `prepare` releases `interpret` after each segment, as path control has it do.
 
-use super::Session;
 use crate::{
     axis::LINEAR,
     machine::Snapshot,
-    model::{Awaited, Requests, core_xy},
-    protocol::{ByteWriter, Progress, Text, report},
-    stepper::SegmentRing,
+    model::{Awaited, core_xy},
+    protocol::{ByteWriter, Text, report},
+    settings::Settings,
     units::TICKS_PER_MS,
 };
 
@@ -28,46 +27,28 @@ pub(super) struct PositionStream {
     awaits_room: bool,
 }
 
-impl Session {
+impl PositionStream {
     /// Returns the events that the stream needs.
     #[inline]
-    pub(super) fn awaited_by_stream(&self) -> Awaited {
-        if self.settings().stream_interval_ms < 1.0 {
+    pub(super) fn awaited(&self, settings: &Settings) -> Awaited {
+        if settings.stream_interval_ms < 1.0 {
             Awaited::NONE
-        } else if self.stream.awaits_room {
+        } else if self.awaits_room {
             Awaited::SEGMENTS.union(Awaited::ROOM)
         } else {
             Awaited::SEGMENTS
         }
     }
 
-    /// Sends the position if it has changed and a line is due: `$792` ms of motion after the last one,
-    /// and at rest. After [`Session::run`], whose progress it is told.
-    #[inline]
-    pub fn stream_position(
-        &mut self,
-        progress: Progress,
-        machine: &Snapshot,
-        segments: &SegmentRing,
-        requests: &Requests,
-        sent: &mut ByteWriter<'_>,
-    ) {
-        if self.settings().stream_interval_ms >= 1.0 {
-            self.stream_changed_position(machine, segments.played_start_ticks(), sent);
-            if progress == Progress::Waiting {
-                requests.wake_on(self.awaited());
-            }
-        }
-    }
-
+    /// Sends the position if it has changed and a line is due; or, where other messages wait, leaves it out.
     #[inline(never)]
-    fn stream_changed_position(
+    pub(super) fn send_changed(
         &mut self,
         machine: &Snapshot,
+        settings: &Settings,
         now_ticks: u32,
-        sent: &mut ByteWriter<'_>,
+        sent: Option<&mut ByteWriter<'_>>,
     ) {
-        let settings = &self.persistence.stored.settings;
         let axes = if settings.stream_z {
             LINEAR
         } else {
@@ -78,27 +59,24 @@ impl Session {
         } else {
             machine.steps
         };
-        let stream = &mut self.stream;
         let is_changed = |(shown, steps): (&i32, &i32)| shown != steps;
-        let mut both = stream.steps.iter().zip(&steps).take(axes);
-        stream.awaits_room = false;
+        let mut both = self.steps.iter().zip(&steps).take(axes);
+        self.awaits_room = false;
         if !both.any(is_changed) {
             return;
         }
         let interval_ticks = settings.stream_interval_ms as u32 * TICKS_PER_MS;
-        let elapsed_ticks = now_ticks.wrapping_sub(stream.sent_ticks);
+        let elapsed_ticks = now_ticks.wrapping_sub(self.sent_ticks);
         if !machine.is_at_rest && elapsed_ticks < interval_ticks {
             return;
         }
         let mut text = Text::new();
         report::stepped_position(&mut text, &steps, axes);
-        let is_first = sent.is_empty() && !self.reports.is_pending() && self.is_welcome_sent();
-        let is_sent = is_first && sent.append(text.as_bytes());
-        let stream = &mut self.stream;
-        stream.awaits_room = !is_sent;
+        let is_sent = sent.is_some_and(|sent| sent.is_empty() && sent.append(text.as_bytes()));
+        self.awaits_room = !is_sent;
         if is_sent {
-            stream.sent_ticks = now_ticks;
-            for (shown, steps) in stream.steps.iter_mut().zip(&steps) {
+            self.sent_ticks = now_ticks;
+            for (shown, steps) in self.steps.iter_mut().zip(&steps) {
                 *shown = *steps;
             }
         }

@@ -3,7 +3,7 @@
 //! A line is checked completely, then executed: nothing of it goes to the machine before all of its
 //! path is known to be inside the travel. Read with Grbl 1.1 `gcode.c`, `motion_control.c`, `jog.c`.
 
-use super::{AfterCommands, LineStage, Links, Progress, Session, Source, machine_sync::LineBreak};
+use super::{AfterCommands, LineStage, Links, Progress, Session, Source};
 use crate::{
     axis::Axes,
     gcode::{
@@ -12,7 +12,7 @@ use crate::{
     },
     machine::Snapshot,
     model::{Command, Requests, State},
-    path::{OutsideTravel, TiltedArc, is_outside, leaves_travel},
+    path::{OutsideTravel, TiltedArc, is_outside},
     protocol::{
         ByteReader, Dialect, Waiting,
         realtime::MAX_UNRELEASED_BYTES,
@@ -96,72 +96,8 @@ impl Session {
         self.await_standstill()
     }
 
-    /// After a break on the line, ends a jog, holds what runs or waits, as `!` does, and lets a pause that would end by
-    /// itself wait for the operator. What cannot be held ends first: a homing cycle, a jog or a motion that is being
-    /// stopped, and an alarm as long as lines wait in it.
-    ///
-    /// At Idle `!` holds, too, but a break with nothing to hold does not: adapters make one when a port is opened or a
-    /// board is plugged in, and a machine that nobody has moved must not want a `~` first. Nor does it end a wait for
-    /// the operator.
-    #[cold]
-    #[inline(never)]
-    pub(super) fn hold_after_break(&mut self, links: &Links<'_, '_>) {
-        let machine = links.machine;
-        let is_jog_ended = self.machine_sync.line_break == LineBreak::JogEnded;
-        let waits = links.received.may_have_line() || self.is_line_going_on();
-        let has_its_end_first = match machine.state {
-            State::Home => true,
-            State::Jog => is_jog_ended,
-            // What waits may unlock the machine, and then move it.
-            State::Alarm => waits,
-            _ => false,
-        };
-        if has_its_end_first || self.machine_sync.is_cancelled(machine) || self.is_restarting_host()
-        {
-            return;
-        }
-        let has_work = !self.is_done(machine) || links.received.may_have_line();
-        let holds = match machine.state {
-            State::Idle | State::Run => has_work || waits,
-            State::Jog | State::Tool => has_work,
-            State::DoorRestoring => true,
-            _ => false,
-        };
-        if holds {
-            self.request_hold(links);
-        }
-        let was_timed = self.host.pause_ms.take().is_some();
-        if (holds || was_timed) && !is_jog_ended {
-            report::feedback(&mut self.reports.message, Feedback::LineBreak);
-        }
-        self.machine_sync.line_break = if machine.state == State::Jog {
-            LineBreak::JogEnded
-        } else {
-            LineBreak::None
-        };
-    }
-
-    /// Returns whether the line in execution, or a startup line, moves the machine at rest without another byte.
-    fn is_line_going_on(&self) -> bool {
-        let has_startup_from = |first| {
-            let mut lines = self.persistence.stored.startup.iter().enumerate();
-            lines.any(|(number, line)| number >= first && !line.is_empty())
-        };
-        match self.stage {
-            LineStage::AwaitingStandstill | LineStage::Sending(_) | LineStage::Compensating(_) => {
-                true
-            }
-            LineStage::Completing(after) => match after {
-                AfterCommands::ToolPause | AfterCommands::ToolReturn | AfterCommands::Again => true,
-                AfterCommands::Home { mask } => mask == 0 && has_startup_from(0),
-                _ => false,
-            },
-            LineStage::StartingUp(first) => has_startup_from(first),
-            _ => false,
-        }
-    }
-
-    fn request_hold(&mut self, links: &Links<'_, '_>) {
+    /// Requests a hold behind the bytes that have been taken.
+    pub(super) fn request_hold(&mut self, links: &Links<'_, '_>) {
         links.requests.accept_later(b'!', links.received.oldest());
         self.machine_sync.has_release_request = true;
     }
@@ -379,24 +315,6 @@ impl Session {
         self.send(from, links)
     }
 
-    /// Says what the line has to tell before its answer.
-    fn report_outcome(&mut self) {
-        let outcome = &self.line.outcome;
-        let settings = &self.persistence.stored.settings;
-        let text = &mut self.reports.message;
-        match outcome.message {
-            Some(Message::EmptyToolTable) => report::feedback(text, Feedback::EmptyToolTable),
-            Some(Message::LongDwell { seconds }) => report::long_dwell(text, seconds),
-            Some(Message::ProgramEnd) | None => {}
-        }
-        if outcome.lacks_speed && !settings.laser && !settings.spindle_relay {
-            report::feedback(text, Feedback::NoSpindleSpeed);
-        }
-        if outcome.ends_before_switch {
-            report::feedback(text, Feedback::EndsBeforeSwitch);
-        }
-    }
-
     /// Sends the commands of a line that began at a position, unless it leaves the travel.
     fn send(&mut self, from: Axes<Nm>, links: &mut Links<'_, '_>) -> Progress {
         let machine = links.machine;
@@ -419,7 +337,8 @@ impl Session {
         let drilling = self.line.outcome.commands.iter().position(is_move);
         self.line.drilling = drilling.filter(|_| self.line.checked.drills());
         self.queue_message(self.line.checked.pauses_program(), machine);
-        self.report_outcome();
+        let settings = &self.persistence.stored.settings;
+        self.line.write_outcome(&mut self.reports.message, settings);
         self.reports.is_tool_due |= self.line.outcome.shows_tool && !is_checking;
         if is_checking && !is_compensated {
             self.line.outcome.commands.clear();
@@ -448,6 +367,12 @@ impl Session {
         } else {
             self.send_commands(0, links)
         }
+    }
+
+    /// Returns whether some move of the line leaves the travel of the machine, where that is an error.
+    pub(super) fn leaves_travel(&self, machine: &Snapshot, from: Axes<Nm>) -> bool {
+        let settings = &self.persistence.stored.settings;
+        (self.line).leaves_travel(machine, from, &self.interpreter, settings)
     }
 
     /// Returns where the line that [`Alarm::SoftLimit`] has stopped leaves the travel, and whether it does so in a
@@ -480,37 +405,36 @@ impl Session {
         Some((outside?, false))
     }
 
-    /// Returns whether some move of the line leaves the travel of the machine, where that is an error.
-    pub(super) fn leaves_travel(&self, machine: &Snapshot, from: Axes<Nm>) -> bool {
-        // A jog has been checked before.
-        if !self.persistence.stored.settings.soft_limits || self.line.source == Source::Jog {
-            return false;
-        }
-        let is_checking = machine.state == State::Check;
-        let settings = &self.persistence.stored.settings;
-        let mut corners = self.interpreter.drilling_corners();
-        if self.line.checked.drills() && corners.any(|corner| is_outside(settings, &corner)) {
-            return true;
-        }
-        let mut from = from;
-        self.line.outcome.commands.iter().any(|command| {
-            // Check mode ends a probing move before it has begun.
-            let is_skipped = is_checking && matches!(command, Command::Probe { .. });
-            let leaves = !is_skipped && leaves_travel(settings, &from, command);
-            if let Some(target) = command.moved_to() {
-                from = target.position;
-            }
-            leaves
-        })
+    /// Returns whether the line has a message for which there is no room.
+    #[inline]
+    pub(super) fn waits_for_message(&self, is_pause: bool) -> bool {
+        self.operator_messages.is_full() && !self.line.operator_text(is_pause).is_empty()
     }
 
-    /// Returns whether the line in execution ends the program.
-    pub(super) fn ends_program(&self) -> bool {
-        let is_code = match self.line.source {
-            Source::Line => !self.line.input.text().unwrap_or_default().starts_with(b"$"),
-            Source::Startup { .. } | Source::NewStartup { .. } => true,
-            Source::Jog => false,
-        };
-        is_code && self.line.checked.ends_program()
+    /// Keeps the message of the line, if it has one, until the entries that have been sent are finished.
+    #[inline]
+    pub(super) fn queue_message(&mut self, is_pause: bool, machine: &Snapshot) {
+        if !self.line.input.comment().is_empty() {
+            self.queue_comment(is_pause, machine);
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn queue_comment(&mut self, is_pause: bool, machine: &Snapshot) {
+        let text = self.line.operator_text(is_pause);
+        if text.is_empty() {
+            return;
+        }
+        // A move that is held back may still be joined with others, or be changed by the next one.
+        let is_held_back = self.blender.has_pending() || self.compensator.is_waiting();
+        let has_passed = self.is_done(machine) && !is_held_back;
+        if machine.state == State::Check || has_passed {
+            report::operator_message(&mut self.reports.message, text);
+        } else {
+            let entered = self.machine_sync.entered;
+            let due = entered.wrapping_add(u32::from(is_held_back));
+            self.operator_messages.push(text, due);
+        }
     }
 }

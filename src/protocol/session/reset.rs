@@ -3,9 +3,7 @@
 //! A line that was begun gets its `ok` before the welcome, as in Grbl, whose waiting loops end with
 //! a reset and then answer. Read with Grbl 1.1 `main.c` and `protocol.c`.
 
-use super::{
-    LineStage, Links, Progress, Session, Source, dispatch::answer, machine_sync::LineBreak,
-};
+use super::{LineStage, Links, Progress, Session, Source, dispatch::answer, line_break::LineBreak};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
@@ -32,7 +30,7 @@ impl Session {
         if !matches!(self.stage, LineStage::Starting { .. }) {
             self.stage = LineStage::Starting {
                 is_first_boot: false,
-                owes_answer: self.is_line_begun() && !is_own || self.tool_change.is_manual(),
+                owes_answer: self.stage.is_line_begun() && !is_own || self.tool_change.is_manual(),
             };
         }
         self.end_manual();
@@ -40,7 +38,7 @@ impl Session {
         self.compensator.clear();
         self.machine_sync.is_jogging = false;
         self.machine_sync.is_position_known = false;
-        self.machine_sync.line_break = LineBreak::None;
+        self.line_break = LineBreak::None;
         self.machine_sync.follows_refused = false;
         self.reports.has_reported_fault = false;
     }
@@ -59,30 +57,6 @@ impl Session {
         return self.stored_program.stop();
         #[cfg(not(arc_machine))]
         false
-    }
-
-    /// Returns whether a line has been begun and not been answered.
-    pub(super) fn is_line_begun(&self) -> bool {
-        match self.stage {
-            LineStage::AwaitingStandstill
-            | LineStage::Sending(_)
-            | LineStage::Compensating(_)
-            | LineStage::Completing(_)
-            | LineStage::Storing(_)
-            | LineStage::Faulting
-            | LineStage::Faulted => true,
-            LineStage::Starting { .. }
-            | LineStage::ListingDefaults(_)
-            | LineStage::Welcoming
-            | LineStage::StartingUp(_)
-            | LineStage::Reading
-            | LineStage::ReadingManual
-            | LineStage::Listing(..)
-            | LineStage::ListingFirmware(_)
-            | LineStage::ListingHostSettings(_)
-            | LineStage::Resetting
-            | LineStage::Asleep => false,
-        }
     }
 
     /// Ends what was begun before a reset. Returns false until the machine has acted on the reset.
@@ -144,7 +118,7 @@ impl Session {
 
     /// Answers the line that a reset has interrupted.
     fn answer_interrupted(&mut self) {
-        if self.ends_program() {
+        if self.line.ends_program() {
             report::feedback(&mut self.reports.message, Feedback::ProgramEnd);
         }
         if let Source::Startup { number, .. } = self.line.source

@@ -13,8 +13,8 @@ use super::{
 };
 use crate::{
     machine::Snapshot,
-    model::{Alarm, Command, FeedRate, Laser, Levels, PathControl, Probing, Spindle},
-    path::{Entry, Router, TiltedArc, Work},
+    model::{Alarm, Command, FeedRate, Laser, Levels, PathControl, Probed, Probing, Spindle},
+    path::{Entry, Router, Work},
     protocol::report::{self, Feedback},
 };
 
@@ -48,7 +48,7 @@ impl Session {
 
     /// Sends the commands from `next` on, and counts them. Returns false when there is no room.
     fn send_remaining(&mut self, next: &mut usize, links: &mut Links<'_, '_>) -> bool {
-        let control = self.path_control();
+        let control = self.line.path_control(&self.interpreter);
         while let Some(command) = self.line.outcome.commands.get(*next) {
             let is_blended = is_blended(control, command);
             if !is_blended {
@@ -60,17 +60,21 @@ impl Session {
             let drills = self.line.drilling == Some(*next);
             // Of one that has begun, the remainder follows.
             if !self.router.is_within_command() {
-                if drills && !self.take_drilling_command(*next) {
+                if drills
+                    && !self
+                        .line
+                        .take_drilling_command(*next, &mut self.interpreter)
+                {
                     *next += 1;
                     continue;
                 }
-                self.take_chord(*next);
+                self.line.take_chord(*next);
             }
             if !is_blended && !self.send_before(*next, links) {
                 return false;
             }
             self.send_command(*next, is_blended, links);
-            *next += usize::from(!drills && !self.has_chord(*next));
+            *next += usize::from(!drills && !self.line.has_chord(*next));
         }
         if self.line.after_commands.is_some() {
             self.router.flush(&mut self.blender);
@@ -121,26 +125,6 @@ impl Session {
             .lasts_longer_than(braking_ms as u32, machine)
     }
 
-    /// Replaces a tilted arc by its next chord.
-    fn take_chord(&mut self, number: usize) {
-        if let Some(arc) = &mut self.line.tilted
-            && let Some(command @ (Command::Arc { .. } | Command::Line { .. })) =
-                self.line.outcome.commands.get_mut(number)
-            && let Some(chord) = arc.next_chord()
-        {
-            *command = chord;
-        }
-    }
-
-    /// Returns whether another chord follows in the place of a command.
-    fn has_chord(&self, number: usize) -> bool {
-        self.line.tilted.as_ref().is_some_and(TiltedArc::has_more)
-            && matches!(
-                self.line.outcome.commands.get(number),
-                Some(Command::Arc { .. } | Command::Line { .. })
-            )
-    }
-
     /// Sends what comes before a command of the line on a machine with backlash. Returns false when there is no room
     /// for it or for the command.
     fn send_before(&mut self, number: usize, links: &mut Links<'_, '_>) -> bool {
@@ -151,7 +135,11 @@ impl Session {
             return true;
         };
         self.machine_sync.is_jogging |= self.line.source == Source::Jog;
-        self.send_take_up(&command, self.path_control(), links.entries)
+        self.send_take_up(
+            &command,
+            self.line.path_control(&self.interpreter),
+            links.entries,
+        )
     }
 
     /// The same for any command.
@@ -172,24 +160,12 @@ impl Session {
         true
     }
 
-    /// Replaces a command by the next one of a line that drills. Returns false after the last.
-    fn take_drilling_command(&mut self, number: usize) -> bool {
-        let next = self.interpreter.next_drilling_command();
-        match (next, self.line.outcome.commands.get_mut(number)) {
-            (Some(next), Some(command)) => {
-                *command = next;
-                true
-            }
-            (_, _) => false,
-        }
-    }
-
     /// Sends a command of the line to the machine, or to the blender before it. There is room.
     fn send_command(&mut self, number: usize, is_blended: bool, links: &mut Links<'_, '_>) {
         let Some(command) = self.line.outcome.commands.get(number) else {
             return;
         };
-        let control = self.path_control();
+        let control = self.line.path_control(&self.interpreter);
         if is_blended {
             return self.router.blend(&mut self.blender, control, command);
         }
@@ -304,7 +280,13 @@ impl Session {
                 report::feedback(&mut self.reports.message, feedback);
             }
             AfterCommands::Probe => return self.end_probing(machine),
-            AfterCommands::Miss => self.report_miss(machine),
+            AfterCommands::Miss => {
+                let missed = Probed {
+                    steps: machine.steps,
+                    success: false,
+                };
+                self.report_probed(missed);
+            }
             AfterCommands::Home { mask } => return self.end_homing(machine, mask),
             // `advance` calls what sends more commands.
             AfterCommands::ToolPause => return Progress::Again,
@@ -312,6 +294,14 @@ impl Session {
             AfterCommands::Again => return self.dispatch_again(),
         }
         self.accept()
+    }
+
+    /// Reports the end of a probing move.
+    pub(super) fn report_probed(&mut self, probed: Probed) {
+        let settings = &self.persistence.stored.settings;
+        let probing = self.line.checked.probing();
+        let text = &mut self.reports.message;
+        self.probing.report(probed, probing, text, settings);
     }
 
     /// Sets the position after a probing move: the position of the machine; the target, after a miss;
@@ -329,26 +319,6 @@ impl Session {
             self.store_contact(machine)
         } else {
             self.accept()
-        }
-    }
-
-    /// Reports that a probing move without a step has missed. The position stays its target.
-    fn report_miss(&mut self, machine: &Snapshot) {
-        let is_alarm = self.is_alarmed_by_a_miss();
-        let probed = &mut self.probing.reported;
-        probed.success = false;
-        if !is_alarm {
-            probed.steps = machine.steps;
-        }
-        let settings = &self.persistence.stored.settings;
-        report::probed(&mut self.reports.message, probed, settings);
-    }
-
-    /// Returns whether a miss of the probing move in execution is an alarm.
-    pub(super) fn is_alarmed_by_a_miss(&self) -> bool {
-        match self.line.checked.probing() {
-            Some(Probing::Probe { may_miss, .. }) => !may_miss,
-            Some(Probing::LimitSwitch) | None => false,
         }
     }
 }
