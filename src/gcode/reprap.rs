@@ -109,13 +109,15 @@ pub struct Extruder {
     pub flow_percent: u16,
 }
 
-impl Extruder {
+impl Default for Extruder {
     /// At 0, with absolute words.
-    pub const START: Self = Self {
-        position: Nm(0),
-        is_relative: false,
-        flow_percent: 100,
-    };
+    fn default() -> Self {
+        Self {
+            position: Nm(0),
+            is_relative: false,
+            flow_percent: 100,
+        }
+    }
 }
 
 /// The modes in which a line is read.

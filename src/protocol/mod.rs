@@ -6,14 +6,15 @@
 
 mod bytes;
 mod checked;
+mod checked_lines;
 mod dialect;
 mod dollar;
 mod incoming;
 mod line;
 pub mod listing;
 pub mod realtime;
-pub mod replies;
 pub mod report;
+mod reprap;
 mod session;
 mod text;
 mod utf8_requests;
@@ -25,6 +26,7 @@ pub use dollar::{Condition, Described, Dollar, List, STATEMENTS, Statement};
 pub use incoming::{Incoming, IncomingWriter};
 pub use line::{LINE_BYTES, Line, TooLong};
 pub use realtime::DamagedByte;
+pub use reprap::replies;
 pub use session::{Progress, Session};
 pub use text::{MESSAGE_BYTES, ReportUnit, Text};
 pub use utf8_requests::Utf8RequestWatch;

@@ -4,17 +4,23 @@
 //! standstill, the end of its commands, cycle start, the flash) is kept as [`LineStage`] and checked
 //! again in the next run. Read with Grbl 1.1 `protocol.c`.
 //!
+//! [`Session`] owns the order: what comes before each line (`attend_machine`), and the stage that is
+//! next (`advance`). What has a state of its own is a type that takes the rest as arguments: the line in
+//! execution ([`LineExecution`]), what is known of the machine ([`MachineSync`]), reports, a break on the
+//! line, messages to the operator, the record of probing moves, the stream of positions. The files with
+//! an `impl Session` join them: `dispatch` and `program` begin a line, `sending`, `blending` and
+//! `compensation` bring its commands to the machine, `commands`, `tool_change` and `persistence` do what
+//! else it asks for, `reset` and `notifications` what nobody asks for. Of a dialect beside Grbl's,
+//! `dialect` knows what [`SenderDialect`] says.
+//!
 //! # Cost
 //! [`Session`] is laid out in the order of its fields: those that each line needs come first.
 
 mod blending;
 mod commands;
 mod compensation;
+mod dialect;
 mod dispatch;
-mod host;
-mod host_bytes;
-mod host_commands;
-mod host_lines;
 mod line_break;
 mod line_execution;
 mod machine_sync;
@@ -39,9 +45,13 @@ use core::ops::ControlFlow;
 use heapless::spsc::Producer;
 
 use super::{
+    Dialect,
     bytes::{ByteReader, ByteWriter},
+    checked_lines::CheckedLines,
+    dialect::SenderDialect,
     listing::FaultCounts,
     report::{self, Feedback},
+    reprap::RepRap,
 };
 use crate::{
     axis::Axes,
@@ -53,7 +63,6 @@ use crate::{
     stepper::SegmentRing,
     units::FineSteps,
 };
-use host::Host;
 use line_break::{LineBreak, WorkLeft};
 use line_execution::{LineExecution, Source};
 use machine_sync::MachineSync;
@@ -62,8 +71,9 @@ use persistence::Persistence;
 use position_stream::PositionStream;
 use power_up::PowerUp;
 use probing::ProbeRecord;
-use reports::Reports;
-use stage::{AfterCommands, LineStage};
+pub(super) use reports::Reports;
+use stage::AfterCommands;
+pub(super) use stage::LineStage;
 use tool_change::ToolChange;
 
 /// Lines that one run executes, at most: moves of one line each that fill the queue of entries. More
@@ -107,8 +117,10 @@ pub struct Session {
     tool_change: ToolChange,
     /// The last break on the line.
     line_break: LineBreak,
-    /// What senders of other dialects than Grbl's need.
-    host: Host,
+    /// The dialect in effect, lines with numbers, and what the dialect beside Grbl's needs.
+    dialect: Dialect,
+    lines: CheckedLines,
+    host: RepRap,
     /// The position as it was sent last, unasked.
     stream: PositionStream,
     power_up: PowerUp,
@@ -144,7 +156,9 @@ impl Session {
             probing: ProbeRecord::default(),
             tool_change: ToolChange::new(),
             line_break: LineBreak::None,
-            host: Host::new(),
+            dialect: Dialect::Grbl,
+            lines: CheckedLines::new(),
+            host: RepRap::default(),
             stream: PositionStream::default(),
             power_up: PowerUp::default(),
             faults: FaultCounts::default(),
@@ -272,7 +286,7 @@ impl Session {
             entries,
         };
         self.faults.lost_bytes = requests.lost();
-        self.attend_host(&mut links);
+        self.attend_dialect(&mut links);
         let progress = match self.attend_machine(&mut links) {
             ControlFlow::Continue(()) => self.execute_lines(&mut links),
             ControlFlow::Break(()) => Progress::Waiting,
@@ -312,7 +326,7 @@ impl Session {
         }
     }
 
-    /// Sends the position of [`PositionStream`] if it has changed and a line is due: `$792` ms of motion after the last one,
+    /// Sends the position if it has changed and a line is due: `$792` ms of motion after the last one,
     /// and at rest. After [`Session::run`], whose progress it is told.
     #[inline]
     pub fn stream_position(
@@ -354,7 +368,7 @@ impl Session {
             work
         };
         let work = work.union(self.stream.awaited(self.settings()));
-        if self.host.dialect.is_reprap() {
+        if self.needs_clock() {
             // Each line may be the command of an emergency.
             work.union(Awaited::LINE)
         } else {
@@ -411,7 +425,7 @@ impl Session {
     #[inline(never)]
     fn attend_line_break(&mut self, links: &Links<'_, '_>) {
         let machine = links.machine;
-        if self.machine_sync.is_cancelled(machine) || self.is_restarting_host() {
+        if self.machine_sync.is_cancelled(machine) || self.host.rules().is_restarting {
             return;
         }
         let is_first = self.line_break == LineBreak::Pending;
@@ -426,7 +440,7 @@ impl Session {
         if holds {
             self.request_hold(links);
         }
-        let was_timed = self.host.pause_ms.take().is_some();
+        let was_timed = self.host.end_timed_pause();
         if (holds || was_timed) && is_first {
             report::feedback(&mut self.reports.message, Feedback::LineBreak);
         }
@@ -460,7 +474,6 @@ impl Session {
         // counts them.
         let is_cancelled = self.machine_sync.is_cancelled(machine);
         let is_held = machine.state.is_suspended() || is_cancelled;
-        let is_reprap = self.host.dialect.is_reprap();
         match self.stage {
             LineStage::Reading
             | LineStage::ReadingManual
@@ -471,15 +484,17 @@ impl Session {
                 Progress::Waiting
             }
             LineStage::Sending(_) | LineStage::Compensating(_) if is_cancelled => Progress::Waiting,
-            LineStage::Faulted if self.is_stopped_host(machine) => self.refuse(LineError::Locked),
-            LineStage::Asleep if is_reprap => self.read_line_asleep(links),
-            LineStage::ListingFirmware(line) if is_reprap => self.list_firmware(line),
-            LineStage::ListingHostSettings(line) if is_reprap => self.list_host_settings(line),
-            LineStage::Starting { .. }
-            | LineStage::Faulted
-            | LineStage::Asleep
-            | LineStage::ListingFirmware(_)
-            | LineStage::ListingHostSettings(_) => Progress::Waiting,
+            LineStage::Faulted if self.is_refusing(machine) => self.refuse(LineError::Locked),
+            LineStage::Asleep | LineStage::ListingInDialect(_) => {
+                let stage = self.stage;
+                let step = self.read_in_dialect(links);
+                let progress = step.map_or(Progress::Waiting, |step| self.take_step(step, links));
+                if stage == LineStage::Asleep && self.stage == LineStage::Reading {
+                    self.stage = stage;
+                }
+                progress
+            }
+            LineStage::Starting { .. } | LineStage::Faulted => Progress::Waiting,
             #[cfg(arc_machine)]
             LineStage::Reading if self.stored_program.is_running() => {
                 self.execute_stored_line(links)

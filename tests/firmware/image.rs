@@ -9,8 +9,8 @@ use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 const RAM: Range<u32> = 0x2000_0000..0x2010_0000;
 
 /// Names that functions of the RepRap dialect have in their paths: those of its modules.
-const REPRAP_PATHS: [&str; 2] = ["reprap", "host_commands"];
-/// Parts of answers in that dialect (src/protocol/replies.rs, src/protocol/session/host.rs).
+const REPRAP_PATHS: [&str; 1] = ["reprap"];
+/// Parts of answers in that dialect (src/protocol/reprap/replies.rs, src/protocol/reprap/clock.rs).
 const REPRAP_ANSWERS: [&str; 3] = ["FIRMWARE_NAME:", "; M999 to go on", "echo:busy: "];
 
 #[test]
@@ -70,14 +70,14 @@ fn nothing_of_the_reprap_dialect_is_in_firmware_without_its_feature() {
 fn what_is_of_the_reprap_dialect_is_found() {
     let names = [
         "leadscrew::gcode::reprap::read",
-        "leadscrew::protocol::session::host_commands::home",
+        "leadscrew::protocol::reprap::commands::home",
         "leadscrew::protocol::session::Session::read_reprap",
-        "leadscrew::protocol::session::host_lines::take_raw",
+        "leadscrew::protocol::checked_lines::CheckedLines::take",
     ];
     assert_eq!(of_reprap(names.into_iter(), b"okT:echo:bus"), names[..3]);
     let sources = [
-        include_str!("../../src/protocol/replies.rs"),
-        include_str!("../../src/protocol/session/host.rs"),
+        include_str!("../../src/protocol/reprap/replies.rs"),
+        include_str!("../../src/protocol/reprap/clock.rs"),
     ]
     .concat();
     for answer in REPRAP_ANSWERS {
@@ -88,7 +88,7 @@ fn what_is_of_the_reprap_dialect_is_found() {
     }
     let modules = [
         include_str!("../../src/gcode/mod.rs"),
-        include_str!("../../src/protocol/session.rs"),
+        include_str!("../../src/protocol/mod.rs"),
     ]
     .concat();
     for path in REPRAP_PATHS {

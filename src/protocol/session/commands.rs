@@ -9,7 +9,10 @@ use crate::{
     machine::Snapshot,
     model::{Levels, State},
     path::Work,
-    protocol::report::{self, Feedback},
+    protocol::{
+        dialect::SenderDialect,
+        report::{self, Feedback},
+    },
 };
 
 /// The axes that are homed unless others are named, beside those that home by marks.
@@ -62,8 +65,8 @@ impl Session {
 
     /// Ends homing. A failure has been reported as an alarm, and ends with a reset.
     pub(super) fn end_homing(&mut self, machine: &Snapshot, mask: u8) -> Progress {
-        let is_host = self.host.dialect.is_reprap();
-        if machine.state == State::Alarm && is_host {
+        let rules = self.host.rules();
+        if machine.state == State::Alarm && rules.answers_when_stopped {
             return self.refuse(LineError::Locked);
         }
         if machine.state == State::Alarm {
@@ -76,10 +79,7 @@ impl Session {
             mask => mask,
         };
         self.interpreter.set_homed(axes, settings);
-        if is_host {
-            return self.end_host_homing();
-        }
-        if mask != 0 {
+        if mask != 0 || rules.answers_when_stopped {
             return self.accept();
         }
         self.line.source = Source::Startup {

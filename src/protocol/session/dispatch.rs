@@ -10,6 +10,7 @@ use crate::{
     model::{Levels, State},
     motion::BLOCKS,
     protocol::{
+        dialect::SenderDialect,
         dollar::{Condition, Dollar, List},
         listing::{self, FaultCounts},
         report,
@@ -46,11 +47,6 @@ impl Session {
             return self.interpret(links);
         }
         let condition = self.condition(links.machine);
-        if self.host.dialect.is_reprap()
-            && let Some(command) = self.host.command
-        {
-            return self.execute_host_command(command, links);
-        }
         match self.line.input.text() {
             Err(_) => self.refuse(LineError::LineOverflow),
             Ok([]) => {
@@ -60,11 +56,11 @@ impl Session {
                 self.queue_message(false, links.machine);
                 self.accept()
             }
-            Ok([b'$', ..]) if !self.is_stopped_host(links.machine) => {
+            Ok([b'$', ..]) if !self.is_refusing(links.machine) => {
                 self.execute_statement(condition, links)
             }
             Ok([b'$', ..]) => self.refuse(LineError::Locked),
-            Ok(_) if condition == Condition::Alarm && self.awaits_host_homing() => {
+            Ok(_) if condition == Condition::Alarm && self.host.rules().executes_when_locked => {
                 self.interpret(links)
             }
             Ok(_) if matches!(condition, Condition::Alarm | Condition::Jog) => {
@@ -83,11 +79,10 @@ impl Session {
         self.flush_moves(links.entries);
         if !self.is_done(links.machine) {
             Progress::Waiting
-        } else if self.host.dialect.is_reprap()
-            && core::mem::take(&mut self.host.waits_for_standstill)
+        } else if self.line.source == Source::Line
+            && let Some(step) = self.read_in_dialect(links)
         {
-            self.line.input.clear();
-            self.read_reprap(links)
+            self.take_step(step, links)
         } else {
             self.dispatch(links)
         }
@@ -272,7 +267,7 @@ impl Session {
     }
 
     /// Answers the line, and continues with the next.
-    fn end_line(&mut self, result: Result<(), LineError>) -> Progress {
+    pub(super) fn end_line(&mut self, result: Result<(), LineError>) -> Progress {
         #[cfg(arc_machine)]
         {
             self.report_off_steps();
@@ -284,15 +279,11 @@ impl Session {
             self.machine_sync.follows_refused |= self.is_held_behind(error);
         }
         let Source::Startup { number, .. } = self.line.source else {
-            match result {
-                Err(error) if self.host.dialect.is_reprap() => self.write_refusal(error),
-                Ok(()) | Err(_) => answer(&mut self.reports.message, result),
-            }
-            if result.is_ok() {
-                self.host.extruder = self.host.next_extruder;
-                if core::mem::take(&mut self.host.moves_motors) {
-                    self.interpreter.forget_home();
-                }
+            let settings = &self.persistence.stored.settings;
+            let reports = &mut self.reports;
+            let interpreter = &mut self.interpreter;
+            if !(self.host).end_line(result, &self.lines, settings, interpreter, reports) {
+                answer(&mut reports.message, result);
             }
             return self.begin_line();
         };
@@ -307,8 +298,6 @@ impl Session {
     /// Begins to receive a line.
     pub(super) fn begin_line(&mut self) -> Progress {
         self.line.input.clear();
-        self.host.command = None;
-        self.host.pause_ms = None;
         self.line.source = Source::Line;
         self.stage = if self.tool_change.is_manual() {
             LineStage::ReadingManual

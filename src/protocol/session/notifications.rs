@@ -8,7 +8,7 @@ use crate::{
     machine::Snapshot,
     model::{Alarm, Notice, Probing},
     protocol::{
-        replies,
+        dialect::{SenderDialect, SenderMessage},
         report::{self, Feedback},
     },
 };
@@ -59,13 +59,12 @@ impl Session {
                 if !alarm.keeps_position() {
                     self.interpreter.forget_home();
                 }
-                self.host.alarm = Some(alarm);
                 let is_of_probing = matches!(alarm, Alarm::ProbeState | Alarm::ProbeContact);
                 if is_of_probing && self.persistence.stored.settings.probing_alarm_switches_off {
                     self.interpreter.switch_off();
                 }
-                if self.host.dialect.is_reprap() {
-                    replies::stopped(text, alarm);
+                let settings = &self.persistence.stored.settings;
+                if self.host.write(text, SenderMessage::Alarm(alarm), settings) {
                     return;
                 }
                 self.power_up.write_alarm(text, alarm);
@@ -99,19 +98,17 @@ impl Session {
     ///
     /// When the step events ran out in motion, this is Grbl's alarm 3: the position may be lost.
     pub(super) fn report_fault(&mut self, links: &mut Links<'_, '_>) -> bool {
-        let is_host = self.host.dialect.is_reprap();
         if links.machine.has_underrun && !self.reports.has_reported_fault {
             let text = &mut self.reports.message;
-            self.host.alarm = Some(Alarm::ResetInMotion);
-            if is_host {
-                replies::stopped(text, Alarm::ResetInMotion);
-            } else {
-                report::alarm(text, Alarm::ResetInMotion);
+            let alarm = Alarm::ResetInMotion;
+            let settings = &self.persistence.stored.settings;
+            if !self.host.write(text, SenderMessage::Alarm(alarm), settings) {
+                report::alarm(text, alarm);
                 report::feedback(text, Feedback::ResetNeeded);
             }
             self.reports.has_reported_fault = true;
             self.interpreter.forget_home();
         }
-        self.reports.flush(links.sent) && is_host
+        self.reports.flush(links.sent) && self.host.rules().answers_when_stopped
     }
 }

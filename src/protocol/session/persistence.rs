@@ -19,7 +19,10 @@ use crate::{
     machine::Snapshot,
     model::{Spindle, State},
     path::Work,
-    protocol::report::{self, Feedback},
+    protocol::{
+        dialect::SenderDialect,
+        report::{self, Feedback},
+    },
     settings::{Change, Changes, Erasing, Settings, StoreError, Stored, StoredLine, ToolEntry},
 };
 
@@ -30,7 +33,7 @@ const REPORT_INCHES: i64 = 13;
 
 /// What follows when a change has been stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum AfterStore {
+pub(in crate::protocol) enum AfterStore {
     /// The answer.
     Answer,
     /// The execution of the line that has been checked.
@@ -137,6 +140,13 @@ impl Persistence {
         }
         if !matches!(result, Ok(()) | Err(StoreError::MustWait)) {
             self.feedback = Some(Feedback::NotStored);
+        }
+    }
+
+    /// Has what is stored take effect again once the machine stands still, after a reset.
+    pub(super) fn restore(&mut self) {
+        if self.state == StoreState::Idle {
+            self.state = StoreState::Deferred;
         }
     }
 
@@ -413,18 +423,10 @@ impl Session {
         }
     }
 
-    /// Ends what a program has changed until a reset, once the machine stands still.
-    pub(super) fn restore_limits(&mut self) {
-        let has_delay = self.host.drivers_delay_s.take().is_some();
-        let has_changed = self.host.lowered.take().is_some() || has_delay;
-        if has_changed && self.persistence.state == StoreState::Idle {
-            self.persistence.state = StoreState::Deferred;
-        }
-    }
-
     /// Sends new settings, which the machine adopts at standstill.
     pub(super) fn configure(&mut self, links: &mut Links<'_, '_>) {
-        let settings = self.settings_in_effect();
+        let stored = &self.persistence.stored.settings;
+        let settings = self.host.settings_in_effect(stored);
         let before = self.router.settings();
         if settings.laser != before.laser {
             self.interpreter.switch_spindle_off();

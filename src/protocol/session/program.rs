@@ -15,6 +15,7 @@ use crate::{
     path::{OutsideTravel, TiltedArc, is_outside},
     protocol::{
         ByteReader, Dialect, Waiting,
+        dialect::SenderDialect,
         realtime::MAX_UNRELEASED_BYTES,
         report::{self, Feedback},
     },
@@ -39,8 +40,11 @@ fn may_wait(received: &ByteReader<'_>) -> bool {
 impl Session {
     /// Executes the next line, or, when none has come, sends the moves that `G64` holds back in time.
     pub(super) fn read_line(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        if self.host.dialect != Dialect::Grbl {
-            return self.read_host_line(links);
+        if self.dialect != Dialect::Grbl {
+            return match self.read_in_dialect(links) {
+                Some(step) => self.take_step(step, links),
+                None => self.read_checked_line(links),
+            };
         }
         match self.execute_plain(links.machine, links.requests, links.received) {
             Ok(()) => self.send_plain(links),
@@ -78,7 +82,7 @@ impl Session {
         let is_asked_for = matches!(error, LineError::Checksum | LineError::LineNumber);
         self.settings().holds_after_refusal
             && self.line.source == Source::Line
-            && !self.host.dialect.is_reprap()
+            && !self.host.rules().answers_when_stopped
             && !self.tool_change.is_manual()
             && !text.starts_with(b"$")
             && !is_asked_for
@@ -276,7 +280,7 @@ impl Session {
             Source::Jog | Source::NewStartup { .. } | Source::Startup { .. } => &plain,
         };
         self.line.checked = self.interpreter.check_after(prefix, line, settings)?;
-        if self.line.source == Source::Line && self.host.ends_at_switch {
+        if self.line.source == Source::Line && self.host.rules().ends_at_switch {
             self.line.checked.end_at_switch()?;
         }
         Ok(())

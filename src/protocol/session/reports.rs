@@ -13,12 +13,12 @@ use crate::{
 
 /// What has been reported, and is to be.
 #[derive(Debug, Default)]
-pub(super) struct Reports {
+pub(in crate::protocol) struct Reports {
     /// A message that still needs room.
-    pub(super) message: Text,
-    pub(super) cadence: Cadence,
+    pub(in crate::protocol) message: Text,
+    pub(in crate::protocol) cadence: Cadence,
     /// A `?` has not been answered.
-    pub(super) is_status_due: bool,
+    pub(in crate::protocol) is_status_due: bool,
     /// The tool in the spindle has changed, and has not been reported.
     pub(super) is_tool_due: bool,
     /// The report that a compensated move waits is due, or has been sent.

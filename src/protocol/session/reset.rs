@@ -9,7 +9,8 @@ use crate::{
     machine::Snapshot,
     model::{Alarm, Levels, Probed, State},
     protocol::{
-        listing, replies,
+        dialect::{Restart, SenderDialect, SenderMessage},
+        listing,
         report::{self, Cadence, Feedback},
     },
     settings::STARTUP_LINES,
@@ -70,26 +71,46 @@ impl Session {
         else {
             return true;
         };
-        if self.machine_sync.reset_count != 0 && self.host.drops_lines() {
-            // No more than the capacity of the queue.
-            for _ in 0..links.received.capacity() {
-                if links.received.dequeue().is_none() {
-                    break;
-                }
-            }
-            // What was lost of the lines that are dropped.
-            let next = links.received.oldest().wrapping_add(1);
-            let _ = links.requests.take_losses_before(next);
+        if self.machine_sync.reset_count != 0 && !self.host.rules().keeps_lines {
+            drop_received(links);
         }
         if links.machine.reset_count != self.machine_sync.reset_count {
             return false;
         }
-        if links.machine.reset_in_motion && !self.host.dialect.is_reprap() {
+        match self.host.restart(&mut self.lines) {
+            Restart::Grbl => {}
+            Restart::Anew {
+                feed_mm_min,
+                is_welcomed,
+                has_limits,
+            } => {
+                if links.machine.reset_in_motion {
+                    self.interpreter.forget_home();
+                }
+                self.restart();
+                self.interpreter.set_default_feed(feed_mm_min);
+                if has_limits {
+                    self.persistence.restore();
+                }
+                self.stage = if is_welcomed {
+                    LineStage::Welcoming
+                } else {
+                    LineStage::Reading
+                };
+                return true;
+            }
+            Restart::GoesOn => {
+                self.interpreter.switch_off();
+                if owes_answer {
+                    report::ok(&mut self.reports.message);
+                }
+                self.begin_line();
+                return true;
+            }
+        }
+        if links.machine.reset_in_motion {
             self.interpreter.forget_home();
             report::alarm(&mut self.reports.message, Alarm::ResetInMotion);
-        }
-        if self.host.dialect.is_reprap() {
-            return self.restart_host(owes_answer, links);
         }
         if owes_answer {
             self.answer_interrupted();
@@ -142,33 +163,23 @@ impl Session {
 
     /// Welcomes the sender, and reports whether the machine is locked.
     pub(super) fn welcome(&mut self, machine: &Snapshot) -> Progress {
-        let is_host = self.host.dialect.is_reprap();
-        let is_unlocking = self.is_unlocking_host();
         let text = &mut self.reports.message;
-        if is_host {
-            replies::welcome(text, self.persistence.stored.settings.is_homing_on());
-        } else {
+        let settings = &self.persistence.stored.settings;
+        if !self.host.write(text, SenderMessage::Welcome, settings) {
             report::welcome(text);
         }
         let damaged = self.persistence.damaged;
-        if !damaged.is_empty() {
-            let write = if is_host {
-                replies::damage
-            } else {
-                listing::damage
-            };
-            write(text, damaged, self.interpreter.tools());
+        let tools = self.interpreter.tools();
+        let damage = SenderMessage::Damage(damaged, tools);
+        if !damaged.is_empty() && !self.host.write(text, damage, settings) {
+            listing::damage(text, damaged, tools);
         }
-        if self.persistence.stored.settings.hard_limits && machine.inputs.has(Levels::LIMITS) {
+        if settings.hard_limits && machine.inputs.has(Levels::LIMITS) {
             report::feedback(text, Feedback::CheckLimits);
         }
         if machine.state == State::Alarm {
-            match (is_host, is_unlocking) {
-                (false, _) => report::feedback(text, Feedback::Locked),
-                (true, false) => {
-                    replies::locked(text, self.persistence.stored.settings.is_homing_on());
-                }
-                (true, true) => {}
+            if !self.host.write(text, SenderMessage::Locked, settings) {
+                report::feedback(text, Feedback::Locked);
             }
             self.stage = LineStage::Reading;
         } else {
@@ -200,4 +211,16 @@ impl Session {
             }
         }
     }
+}
+
+/// Drops what has been received, and what was lost of it.
+fn drop_received(links: &mut Links<'_, '_>) {
+    // No more than the capacity of the queue.
+    for _ in 0..links.received.capacity() {
+        if links.received.dequeue().is_none() {
+            break;
+        }
+    }
+    let next = links.received.oldest().wrapping_add(1);
+    let _ = links.requests.take_losses_before(next);
 }

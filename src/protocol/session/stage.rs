@@ -10,7 +10,7 @@ use crate::{
 
 /// What the session is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum LineStage {
+pub(in crate::protocol) enum LineStage {
     /// Power-up, or a reset that the machine has not yet acted on.
     Starting {
         /// Nothing was stored: the sender gets an error and the defaults before the welcome.
@@ -40,10 +40,8 @@ pub(super) enum LineStage {
     Storing(AfterStore),
     /// A list is being sent; this line of it is next.
     Listing(List, usize),
-    /// The answer to `M115` is being sent; this line of it is next.
-    ListingFirmware(usize),
-    /// The answer to `M503` is being sent; this line of it is next.
-    ListingHostSettings(usize),
+    /// A list of another dialect is being sent; this line of it is next.
+    ListingInDialect(usize),
     /// The line has been answered, and ends with a reset.
     Resetting,
     /// The line leaves the travel: the alarm is to be sent to the machine.
@@ -56,7 +54,7 @@ pub(super) enum LineStage {
 
 /// What follows when the machine has done everything that a line asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum AfterCommands {
+pub(in crate::protocol) enum AfterCommands {
     /// The answer.
     Answer,
     /// A message and the answer.
@@ -80,7 +78,7 @@ pub(super) enum AfterCommands {
 
 impl LineStage {
     /// Returns whether the welcome has been written.
-    pub(super) const fn is_welcome_sent(self) -> bool {
+    pub(in crate::protocol) const fn is_welcome_sent(self) -> bool {
         !matches!(
             self,
             Self::Starting { .. } | Self::ListingDefaults(_) | Self::Welcoming
@@ -88,7 +86,7 @@ impl LineStage {
     }
 
     /// Returns whether a line has been begun and not been answered.
-    pub(super) const fn is_line_begun(self) -> bool {
+    pub(in crate::protocol) const fn is_line_begun(self) -> bool {
         matches!(
             self,
             Self::AwaitingStandstill
@@ -138,8 +136,7 @@ impl LineStage {
             | Self::Completing(_)
             | Self::Storing(_)
             | Self::Listing(..)
-            | Self::ListingFirmware(_)
-            | Self::ListingHostSettings(_)
+            | Self::ListingInDialect(_)
             | Self::Resetting
             | Self::Faulting
             | Self::Faulted

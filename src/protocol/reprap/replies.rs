@@ -3,7 +3,7 @@
 //! Pure, as `report` is. Read with Marlin 2.1 `language.h`, and with what Printrun 2.2 and OctoPrint 1.11
 //! look for in an answer: a line that begins with `Error:` ends a job, unless it has certain words.
 
-use super::{
+use crate::protocol::{
     checked::{FailedCheck, next_number},
     listing,
     text::{ReportUnit, Text},
@@ -40,18 +40,6 @@ pub fn resend(text: &mut Text, failed: FailedCheck, last: i32) {
     text.integer(last).end();
     text.word("Resend: ");
     text.integer(next_number(last)).end();
-}
-
-/// The same for a sender that speaks Grbl, without the `error:`.
-pub fn resend_message(text: &mut Text, last: i32) {
-    text.word("[MSG:Resend: ");
-    text.integer(next_number(last)).word("]").end();
-}
-
-/// `echo:Line number: 7`.
-pub fn line_number(text: &mut Text, last: i32) {
-    text.word("echo:Line number: ");
-    text.integer(last).end();
 }
 
 /// The reason why a line has been refused, without the `ok`. `line` is what the sender has typed, without

@@ -14,15 +14,13 @@
 //! the queue is what comes within 22 ms at 115 200 baud, and `interpret` runs within 5.3 ms of its release
 //! (`LEADSCREW_FEATURES=reprap cargo xtask schedule`).
 
-use super::{
-    Links, Session,
-    host::{Host, Restart},
-};
+use super::{RepRap, RestartKind};
 use crate::{
-    machine::Snapshot,
     model::{Requests, State, queues::RECEIVED_RING},
     protocol::{
         ByteReader, Emergency, RawLine,
+        checked_lines::TAKEN,
+        dialect::Conversation,
         realtime::is_request,
         utf8_requests::{LATIN_1_LEAD, is_utf8_request},
     },
@@ -30,8 +28,6 @@ use crate::{
 
 /// Longest line of an emergency, bytes.
 const EMERGENCY_BYTES: usize = 32;
-/// What takes the place of a byte that has been acted on, or belongs to a line that is dropped.
-pub(super) const TAKEN: u8 = 0;
 /// What takes the place of the first byte that a line has lost, and of such a byte of a sender: no line has a
 /// use for either.
 pub(super) const LOST: u8 = 1;
@@ -75,7 +71,7 @@ impl Scan {
     }
 }
 
-impl Host {
+impl RepRap {
     /// Removes what has been taken out of the lines that wait, where it takes the room of more.
     fn make_room(&mut self, received: &mut ByteReader<'_>, requests: &Requests) {
         if !self.scan.has_taken || received.len() < KEPT_BYTES / 2 {
@@ -88,27 +84,19 @@ impl Host {
         self.stale_before = self.stale_before.map(|_| moved);
         requests.spread_losses(|| received.written());
     }
-}
 
-impl Session {
     /// Looks at the bytes that have come since the last time.
-    pub(super) fn scan(&mut self, links: &mut Links<'_, '_>) {
-        let Links {
-            machine,
-            received,
-            requests,
-            ..
-        } = links;
-        if self.host.scan.bytes_from(received.oldest()) > received.capacity() {
+    pub(super) fn scan(&mut self, session: &mut Conversation<'_>, received: &mut ByteReader<'_>) {
+        if self.scan.bytes_from(received.oldest()) > received.capacity() {
             // A reset has dropped bytes.
-            self.host.scan.begin(received.oldest());
+            self.scan.begin(received.oldest());
         }
-        self.host.make_room(received, requests);
+        self.make_room(received, session.requests);
         let oldest = received.oldest();
         let [older, newer] = received.waiting();
-        let first = self.host.scan.bytes_from(oldest);
+        let first = self.scan.bytes_from(oldest);
         for (place, byte) in older.chain(newer).enumerate().skip(first) {
-            let scan = &mut self.host.scan;
+            let scan = &mut self.scan;
             let number = scan.next;
             scan.next = number.wrapping_add(1);
             let is_silent = scan.silent_at == Some(number);
@@ -125,7 +113,7 @@ impl Session {
                 if is_silent {
                     scan.silent_at = Some(scan.next);
                 }
-                self.accept_realtime(byte, number, requests);
+                self.accept_realtime(byte, number, session);
                 continue;
             }
             if byte == LATIN_1_LEAD && may_be_request {
@@ -143,44 +131,44 @@ impl Session {
                 received.replace(number, NO_WORD);
             }
             if is_end {
-                self.end_scanned_line(number, machine, requests);
+                self.end_scanned_line(number, session);
             } else {
                 scan.line.push(byte);
             }
         }
-        self.host.make_room(received, requests);
+        self.make_room(received, session.requests);
     }
 
     /// Requests what a realtime byte asks for.
-    fn accept_realtime(&mut self, byte: u8, number: usize, requests: &Requests) {
+    fn accept_realtime(&mut self, byte: u8, number: usize, session: &mut Conversation<'_>) {
         match byte {
-            b'?' => self.reports.is_status_due = true,
-            0x18 => self.stop(Restart::Plain, requests),
-            _ => requests.accept_later(byte, number),
+            b'?' => session.reports.is_status_due = true,
+            0x18 => self.stop(RestartKind::Plain, session),
+            _ => session.requests.accept_later(byte, number),
         }
-        self.machine_sync.has_release_request = true;
+        *session.has_release_request = true;
     }
 
     /// Stops the machine by a reset, on which it has to act.
-    fn stop(&mut self, restart: Restart, requests: &Requests) {
-        self.host.restart(restart);
-        requests.reset();
-        self.machine_sync.has_release_request = true;
+    fn stop(&mut self, kind: RestartKind, session: &mut Conversation<'_>) {
+        self.begin_restart(kind);
+        session.requests.reset();
+        *session.has_release_request = true;
     }
 
     /// Ends a line that has been looked at.
-    fn end_scanned_line(&mut self, number: usize, machine: &Snapshot, requests: &Requests) {
-        let scan = &mut self.host.scan;
+    fn end_scanned_line(&mut self, number: usize, session: &mut Conversation<'_>) {
+        let scan = &mut self.scan;
         let emergency = scan.line.emergency();
         scan.line.clear();
         scan.is_dropping = false;
         scan.is_cut = false;
         match emergency {
-            Some(Emergency::Kill) => self.stop(Restart::Killing, requests),
-            Some(Emergency::Stop) if machine.state != State::Alarm => {
-                self.stop(Restart::Stopping, requests);
+            Some(Emergency::Kill) => self.stop(RestartKind::Killing, session),
+            Some(Emergency::Stop) if session.machine.state != State::Alarm => {
+                self.stop(RestartKind::Stopping, session);
             }
-            Some(Emergency::GoOn) => self.accept_realtime(b'~', number, requests),
+            Some(Emergency::GoOn) => self.accept_realtime(b'~', number, session),
             Some(Emergency::Stop) | None => {}
         }
     }

@@ -1,0 +1,172 @@
+//! The session's end of the dialects that it does not speak itself, and lines with numbers in Grbl's words.
+
+use super::{AfterCommands, LineStage, Links, Progress, Session};
+use crate::{
+    gcode::{LineError, PlainPrefix},
+    machine::Snapshot,
+    path::Work,
+    protocol::{
+        Dialect, FailedCheck, Verdict,
+        dialect::{Conversation, NextStep, SenderDialect},
+        reprap::RepRap,
+    },
+};
+
+impl Session {
+    /// Lends a dialect what it works with.
+    #[inline]
+    fn lend<'a>(&'a mut self, links: &Links<'a, '_>) -> (&'a mut RepRap, Conversation<'a>) {
+        let is_done = self.is_done(links.machine);
+        let reset_count = self.machine_sync.reset_count;
+        let has_reset = !matches!(self.stage, LineStage::Starting { .. })
+            && links.machine.reset_count == reset_count
+            && links.requests.reset_count() == reset_count;
+        let conversation = Conversation {
+            machine: links.machine,
+            requests: links.requests,
+            settings: &self.persistence.stored.settings,
+            interpreter: &mut self.interpreter,
+            reports: &mut self.reports,
+            lines: &mut self.lines,
+            input: &mut self.line.input,
+            dialect: self.dialect,
+            stage: self.stage,
+            is_done,
+            has_reset,
+            has_release_request: &mut self.machine_sync.has_release_request,
+        };
+        (&mut self.host, conversation)
+    }
+
+    /// Adopts the dialect, once the line that changes it has been answered, and does what cannot wait for the lines
+    /// before it.
+    #[inline]
+    pub(super) fn attend_dialect(&mut self, links: &mut Links<'_, '_>) {
+        let dialect = Dialect::of(self.settings());
+        let is_between_lines = matches!(
+            self.stage,
+            LineStage::Starting { .. } | LineStage::Welcoming | LineStage::Reading
+        );
+        let is_changed = dialect != self.dialect && is_between_lines;
+        if is_changed {
+            self.dialect = dialect;
+            self.lines.reset();
+        }
+        if is_changed || self.needs_clock() {
+            let has_room = links.entries.ready();
+            let (host, mut conversation) = self.lend(links);
+            if let Some(work) = host.attend(&mut conversation, links.received, has_room) {
+                self.send_work(work, links);
+            }
+        }
+    }
+
+    /// Returns what a dialect beside Grbl's makes of the next line, or of the one that has been begun.
+    #[inline]
+    pub(super) fn read_in_dialect(&mut self, links: &mut Links<'_, '_>) -> Option<NextStep> {
+        let (host, mut conversation) = self.lend(links);
+        host.read_line(&mut conversation, links.received)
+    }
+
+    /// Does what a dialect has made of a line.
+    pub(super) fn take_step(&mut self, step: NextStep, links: &mut Links<'_, '_>) -> Progress {
+        match step {
+            NextStep::Wait => {
+                self.flush_moves_in_time(links);
+                return Progress::Waiting;
+            }
+            NextStep::Skip => return self.begin_line(),
+            NextStep::Execute => {
+                self.line.prefix = PlainPrefix::default();
+                return self.dispatch(links);
+            }
+            NextStep::Answer(result) => return self.end_line(result),
+            NextStep::AwaitStandstill => return self.await_standstill(),
+            NextStep::Home(mask) => return self.home(mask, links),
+            NextStep::Reset { is_answered: true } => return self.answer_and_reset(),
+            NextStep::Reset { is_answered: false } => self.stage = LineStage::Resetting,
+            NextStep::List(line) => self.stage = LineStage::ListingInDialect(line),
+            NextStep::Drivers(are_on) => {
+                self.send_work(Work::Drivers(are_on), links);
+                self.stage = LineStage::Completing(AfterCommands::Answer);
+            }
+            NextStep::Configure => {
+                self.configure(links);
+                self.stage = LineStage::Completing(AfterCommands::Answer);
+            }
+        }
+        Progress::Again
+    }
+
+    /// Returns whether the machine has stopped for a reason that only a reset ends, and lines are refused.
+    pub(super) fn is_refusing(&self, machine: &Snapshot) -> bool {
+        self.host.rules().answers_when_stopped && (machine.is_critical || machine.has_underrun)
+    }
+
+    /// Returns whether the session needs the clock of `interpret`.
+    #[must_use]
+    pub fn needs_clock(&self) -> bool {
+        self.host.rules().next_byte.is_some()
+    }
+
+    /// Returns whether there is something to do at the next tick of the clock, whatever else comes.
+    /// `received` is the number of bytes received so far, wrapping.
+    #[must_use]
+    pub fn awaits_tick(&self, received: usize) -> bool {
+        let rules = self.host.rules();
+        (rules.next_byte).is_some_and(|next| rules.is_timed || next != received)
+    }
+
+    /// Executes the next line, which may have a number and a checksum, or, when none has come, sends the moves that
+    /// `G64` holds back in time.
+    #[inline(never)]
+    pub(super) fn read_checked_line(&mut self, links: &mut Links<'_, '_>) -> Progress {
+        let lines = &mut self.lines;
+        if !lines.take_grbl(links.received) {
+            self.flush_moves_in_time(links);
+            return Progress::Waiting;
+        }
+        let has_lost = links.requests.take_losses_before(links.received.oldest());
+        // A line can be asked for again only if its sender gives it both.
+        let is_unchecked = !lines.raw.has_checksum() || !lines.raw.has_number();
+        match lines.verdict() {
+            _ if has_lost && is_unchecked => {
+                return self.refuse_with_hold(LineError::BytesLost, links);
+            }
+            // A checksum may be right of what is left: two equal bytes change nothing of it.
+            Verdict::Execute(_) | Verdict::SetNumber(_) if has_lost => {
+                return self.ask_again(LineError::Checksum);
+            }
+            Verdict::Blank if lines.raw.is_too_long() => return self.accept(),
+            Verdict::ReportNumber => {
+                lines.write_number(&mut self.reports.message);
+                return self.accept();
+            }
+            Verdict::SetNumber(number) => {
+                lines.set_number(number);
+                return self.accept();
+            }
+            Verdict::Refuse(FailedCheck::Checksum | FailedCheck::MissingNumber) => {
+                return self.ask_again(LineError::Checksum);
+            }
+            Verdict::Refuse(FailedCheck::Number) => return self.ask_again(LineError::LineNumber),
+            Verdict::Execute(Some(number)) => lines.accept_number(number),
+            // A comment may be a message, and senders that speak Grbl may number their lines for themselves.
+            Verdict::Blank
+            | Verdict::Refuse(FailedCheck::MissingChecksum)
+            | Verdict::Execute(None) => {}
+        }
+        self.line.prefix = PlainPrefix::default();
+        if lines.raw.is_too_long() {
+            return self.refuse(LineError::LineOverflow);
+        }
+        lines.copy_words(&mut self.line.input);
+        self.dispatch(links)
+    }
+
+    /// Asks for the line after the last accepted one, and refuses this one.
+    fn ask_again(&mut self, error: LineError) -> Progress {
+        self.lines.write_resend(&mut self.reports.message);
+        self.refuse(error)
+    }
+}
