@@ -6,11 +6,11 @@
 
 use super::{LineStage, Links, Progress, Session};
 use crate::{
-    axis::{AXES, Axes},
+    axis::Axes,
     gcode::LineError,
     machine::Snapshot,
     model::{Requests, State},
-    path::{Misfit, is_axis_outside},
+    path::Misfit,
     units::Nm,
 };
 
@@ -101,44 +101,8 @@ impl Session {
     }
 
     /// Whether the cutter is still beside the path, with compensation off.
-    const fn is_only_beside_path(&self) -> bool {
+    pub(super) const fn is_only_beside_path(&self) -> bool {
         self.interpreter.is_beside_path() && !self.interpreter.is_compensating()
-    }
-
-    /// Checks a jog. After `G40` it begins where the cutter is, unless it is refused.
-    ///
-    /// # Errors
-    /// As [`Interpreter::check_jog`](crate::gcode::interpreter::Interpreter::check_jog), and 15 for a
-    /// target beyond soft limits.
-    #[inline(never)]
-    pub(super) fn check_jog(&mut self) -> Result<(), LineError> {
-        let settings = &self.persistence.stored.settings;
-        let line = self.line.input.text().unwrap_or_default();
-        let line = line.get(3..).unwrap_or_default();
-        let is_beside_path = self.is_only_beside_path();
-        let interpreter = &mut self.interpreter;
-        let shortened = if settings.shortens_jogs {
-            interpreter.homed_axes()
-        } else {
-            0
-        };
-        let is_axis_beyond = |axis: usize, target: &Axes<Nm>| {
-            shortened >> axis & 1 == 0 && is_axis_outside(settings, axis, target[axis])
-        };
-        let is_beyond = |target: &Axes<Nm>| {
-            settings.soft_limits && (0..AXES).any(|axis| is_axis_beyond(axis, target))
-        };
-        let checked = if is_beside_path {
-            let cutter = self.compensator.end();
-            interpreter.check_jog_beside_path(line, settings, cutter, is_beyond)
-        } else {
-            interpreter.check_jog(line, settings)
-        };
-        self.line.checked = checked?;
-        if is_beyond(&self.line.checked.target().position) {
-            return Err(LineError::JogBeyondTravel);
-        }
-        Ok(())
     }
 
     /// Sends what is released, and the commands of the line from the given one on, as far as there is room.

@@ -1,20 +1,20 @@
 //! The line in execution: what it asks for, and what of it has been sent.
 
 use crate::{
-    axis::Axes,
+    axis::{AXES, Axes},
     gcode::{
-        PlainPrefix,
-        interpreter::{Checked, Interpreter, Message, Outcome},
+        LineError, PlainPrefix,
+        interpreter::{Checked, Hint, Interpreter, Message, Outcome},
     },
     machine::Snapshot,
-    model::{Command, PathControl, State},
-    path::{TiltedArc, is_outside, leaves_travel},
+    model::{Alarm, Command, FeedRate, Levels, PathControl, Probing, Spindle, State},
+    path::{OutsideTravel, TiltedArc, Work, is_axis_outside, is_outside, leaves_travel},
     protocol::{
         line::Line,
         report::{self, Feedback},
         text::Text,
     },
-    settings::Settings,
+    settings::{Settings, Stored},
     units::Nm,
 };
 
@@ -183,5 +183,156 @@ impl LineExecution {
             }
             leaves
         })
+    }
+
+    /// Checks a line of a program or of startup.
+    ///
+    /// # Errors
+    /// As [`Interpreter::check_after`].
+    pub(super) fn check(
+        &mut self,
+        interpreter: &mut Interpreter,
+        stored: &Stored,
+    ) -> Result<(), LineError> {
+        let text = self.input.text().unwrap_or_default();
+        let line = match self.source {
+            Source::Line | Source::Jog => text,
+            Source::NewStartup { start, .. } => text.get(start..).unwrap_or_default(),
+            Source::Startup { number, .. } => match stored.startup.get(number) {
+                Some(line) => line.as_slice(),
+                None => &[],
+            },
+        };
+        let plain = PlainPrefix::default();
+        let prefix = match self.source {
+            Source::Line => &self.prefix,
+            Source::Jog | Source::NewStartup { .. } | Source::Startup { .. } => &plain,
+        };
+        self.checked = interpreter.check_after(prefix, line, &stored.settings)?;
+        Ok(())
+    }
+
+    /// Reports what a refused line lacks, where that can be said.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn write_hint(
+        &self,
+        error: LineError,
+        interpreter: &Interpreter,
+        settings: &Settings,
+        message: &mut Text,
+    ) {
+        let text = self.input.text().unwrap_or_default();
+        let hint = interpreter.hint(&self.prefix, text, settings, error);
+        match hint {
+            Some(Hint::MissingWord(letter)) => report::missing_word(message, letter),
+            Some(Hint::AbsoluteCentre) => report::absolute_centre(message),
+            None => {}
+        }
+    }
+
+    /// Checks a jog. After `G40` it begins where the cutter is, if that is another place, unless it is refused.
+    ///
+    /// # Errors
+    /// As [`Interpreter::check_jog`], and 15 for a
+    /// target beyond soft limits.
+    #[inline(never)]
+    pub(super) fn check_jog(
+        &mut self,
+        interpreter: &mut Interpreter,
+        settings: &Settings,
+        cutter: Option<Axes<Nm>>,
+    ) -> Result<(), LineError> {
+        let line = self.input.text().unwrap_or_default();
+        let line = line.get(3..).unwrap_or_default();
+        let shortened = if settings.shortens_jogs {
+            interpreter.homed_axes()
+        } else {
+            0
+        };
+        let is_axis_beyond = |axis: usize, target: &Axes<Nm>| {
+            shortened >> axis & 1 == 0 && is_axis_outside(settings, axis, target[axis])
+        };
+        let is_beyond = |target: &Axes<Nm>| {
+            settings.soft_limits && (0..AXES).any(|axis| is_axis_beyond(axis, target))
+        };
+        let checked = if let Some(cutter) = cutter {
+            interpreter.check_jog_beside_path(line, settings, cutter, is_beyond)
+        } else {
+            interpreter.check_jog(line, settings)
+        };
+        self.checked = checked?;
+        if is_beyond(&self.checked.target().position) {
+            return Err(LineError::JogBeyondTravel);
+        }
+        Ok(())
+    }
+
+    /// Returns where the line, which begins at a position, leaves the travel.
+    #[cold]
+    pub(super) fn outside_travel(
+        &self,
+        from: Axes<Nm>,
+        interpreter: &Interpreter,
+        settings: &Settings,
+    ) -> Option<OutsideTravel> {
+        let mut corners = interpreter.drilling_corners();
+        let mut from = from;
+        let mut commands = self.outcome.commands.iter();
+        let drills = self.checked.drills();
+        let of_hole = corners.find_map(|corner| OutsideTravel::at(settings, &corner));
+        of_hole.filter(|_| drills).or_else(|| {
+            commands.find_map(|command| {
+                let start = from;
+                if let Some(target) = command.moved_to() {
+                    from = target.position;
+                }
+                OutsideTravel::on_path(settings, &start, command)
+            })
+        })
+    }
+
+    /// Returns the work that switches the power of a laser that is on at a constant speed, of a move without a step: no block
+    /// carries it.
+    pub(super) fn power_without_steps(
+        &mut self,
+        feed_rate: FeedRate,
+        laser_rpm: Option<f32>,
+    ) -> Option<Work> {
+        let rpm = laser_rpm.filter(|_| !matches!(feed_rate, FeedRate::Jog(_)))?;
+        let after_commands = &mut self.after_commands;
+        *after_commands = after_commands.or(Some(AfterCommands::Answer));
+        Some(Work::Spindle(Spindle::Clockwise, rpm))
+    }
+
+    /// Returns the work that replaces a move without a step.
+    pub(super) fn work_without_steps(
+        &mut self,
+        machine: &Snapshot,
+        number: usize,
+        laser_rpm: Option<f32>,
+    ) -> Option<Work> {
+        let probing = match self.outcome.commands.get(number)? {
+            Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } => {
+                let feed_rate = *feed_rate;
+                return self.power_without_steps(feed_rate, laser_rpm);
+            }
+            Command::Probe { probing, .. } => *probing,
+            _ => return None,
+        };
+        // The probe cannot change in a move of length 0.
+        match probing {
+            Probing::Probe { is_away, .. } if machine.inputs.has(Levels::PROBE) != is_away => {
+                Some(Work::Fault(Alarm::ProbeState))
+            }
+            Probing::Probe { may_miss, .. } => {
+                self.after_commands = Some(AfterCommands::Miss);
+                (!may_miss).then_some(Work::Fault(Alarm::ProbeContact))
+            }
+            Probing::LimitSwitch => {
+                self.after_commands = Some(AfterCommands::Answer);
+                None
+            }
+        }
     }
 }

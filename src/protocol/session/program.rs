@@ -8,7 +8,7 @@ use crate::{
     axis::Axes,
     gcode::{
         LineError, PlainPrefix, Refusal,
-        interpreter::{Checked, Hint, Message},
+        interpreter::{Checked, Message},
     },
     machine::Snapshot,
     model::{Command, Requests, State},
@@ -211,12 +211,27 @@ impl Session {
         self.interpreter
             .set_optional_stop(machine.overrides.optional_stop);
         let checked = match self.line.source {
-            Source::Jog => self.check_jog(),
-            Source::Line | Source::NewStartup { .. } | Source::Startup { .. } => self.check_line(),
+            Source::Jog => {
+                let cutter = self.is_only_beside_path().then(|| self.compensator.end());
+                let settings = &self.persistence.stored.settings;
+                (self.line).check_jog(&mut self.interpreter, settings, cutter)
+            }
+            Source::Line | Source::NewStartup { .. } | Source::Startup { .. } => {
+                (self.line).check(&mut self.interpreter, &self.persistence.stored)
+            }
+        };
+        let ends_at_switch = self.line.source == Source::Line && self.host.rules().ends_at_switch;
+        let checked = match checked {
+            Ok(()) if ends_at_switch => self.line.checked.end_at_switch(),
+            checked => checked,
         };
         let is_possible = checked.and_then(|()| self.check_state(machine));
         if let Err(error) = is_possible.and_then(|()| self.plan_compensated()) {
-            self.report_hint(error);
+            if self.is_hinted() {
+                let settings = &self.persistence.stored.settings;
+                let message = &mut self.reports.message;
+                (self.line).write_hint(error, &self.interpreter, settings, message);
+            }
             return self.refuse(error);
         }
         let waits = self.line.checked.waits_for_standstill() && !self.waits_behind_move();
@@ -236,54 +251,13 @@ impl Session {
         self.execute(links)
     }
 
-    /// Reports what a refused line lacks, where that can be said.
-    #[cold]
-    #[inline(never)]
-    fn report_hint(&mut self, error: LineError) {
-        if self.line.source != Source::Line {
-            return;
-        }
+    /// Returns whether the sender is told what a refused line lacks.
+    fn is_hinted(&self) -> bool {
         #[cfg(arc_machine)]
         if self.stored_program.is_running() {
-            return;
+            return false;
         }
-        let text = self.line.input.text().unwrap_or_default();
-        let settings = &self.persistence.stored.settings;
-        let interpreter = &self.interpreter;
-        let hint = interpreter.hint(&self.line.prefix, text, settings, error);
-        let message = &mut self.reports.message;
-        match hint {
-            Some(Hint::MissingWord(letter)) => report::missing_word(message, letter),
-            Some(Hint::AbsoluteCentre) => report::absolute_centre(message),
-            None => {}
-        }
-    }
-
-    /// Checks a line of a program or of startup.
-    ///
-    /// # Errors
-    /// As [`Interpreter::check_after`](crate::gcode::interpreter::Interpreter::check_after).
-    fn check_line(&mut self) -> Result<(), LineError> {
-        let text = self.line.input.text().unwrap_or_default();
-        let line = match self.line.source {
-            Source::Line | Source::Jog => text,
-            Source::NewStartup { start, .. } => text.get(start..).unwrap_or_default(),
-            Source::Startup { number, .. } => match self.persistence.stored.startup.get(number) {
-                Some(line) => line.as_slice(),
-                None => &[],
-            },
-        };
-        let settings = &self.persistence.stored.settings;
-        let plain = PlainPrefix::default();
-        let prefix = match self.line.source {
-            Source::Line => &self.line.prefix,
-            Source::Jog | Source::NewStartup { .. } | Source::Startup { .. } => &plain,
-        };
-        self.line.checked = self.interpreter.check_after(prefix, line, settings)?;
-        if self.line.source == Source::Line && self.host.rules().ends_at_switch {
-            self.line.checked.end_at_switch()?;
-        }
-        Ok(())
+        self.line.source == Source::Line
     }
 
     /// Executes the line that has been checked, after what must come before it: the change of a tool, or
@@ -392,20 +366,8 @@ impl Session {
         if let Some(outside) = self.compensator.outside(settings) {
             return Some((outside, true));
         }
-        let mut corners = self.interpreter.drilling_corners();
-        let mut from = self.probing.start;
-        let mut commands = self.line.outcome.commands.iter();
-        let drills = self.line.checked.drills();
-        let of_hole = corners.find_map(|corner| OutsideTravel::at(settings, &corner));
-        let outside = of_hole.filter(|_| drills).or_else(|| {
-            commands.find_map(|command| {
-                let start = from;
-                if let Some(target) = command.moved_to() {
-                    from = target.position;
-                }
-                OutsideTravel::on_path(settings, &start, command)
-            })
-        });
+        let from = self.probing.start;
+        let outside = self.line.outside_travel(from, &self.interpreter, settings);
         Some((outside?, false))
     }
 

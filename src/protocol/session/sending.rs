@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     machine::Snapshot,
-    model::{Alarm, Command, FeedRate, Laser, Levels, PathControl, Probed, Probing, Spindle},
+    model::{Alarm, Command, Laser, PathControl, Probed, Spindle},
     path::{Entry, Router, Work},
     protocol::report::{self, Feedback},
 };
@@ -178,9 +178,13 @@ impl Session {
             links.entries,
         ) {
             self.machine_sync.is_jogging |= self.line.source == Source::Jog;
-        } else if let Some(work) = self.work_without_steps(links.machine, number) {
-            self.machine_sync.is_jogging |= self.line.source == Source::Jog;
-            self.send_work(work, links);
+        } else {
+            let laser_rpm = self.constant_laser_rpm();
+            let work = (self.line).work_without_steps(links.machine, number, laser_rpm);
+            if let Some(work) = work {
+                self.machine_sync.is_jogging |= self.line.source == Source::Jog;
+                self.send_work(work, links);
+            }
         }
     }
 
@@ -206,60 +210,30 @@ impl Session {
         if !self.send_take_up(command, control, links.entries) {
             return false;
         }
-        if !enqueue(
+        let is_sent = enqueue(
             &mut self.router,
             command,
             &mut self.machine_sync,
             links.entries,
-        ) && let Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } = command
-            && let Some(work) = self.power_without_steps(*feed_rate)
+        );
+        if !is_sent
+            && let Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } = command
         {
-            self.send_work(work, links);
+            let laser_rpm = self.constant_laser_rpm();
+            if let Some(work) = self.line.power_without_steps(*feed_rate, laser_rpm) {
+                self.send_work(work, links);
+            }
         }
         true
     }
 
-    /// Returns the work that replaces a move without a step.
-    fn work_without_steps(&mut self, machine: &Snapshot, number: usize) -> Option<Work> {
-        let line = &mut self.line;
-        let probing = match line.outcome.commands.get(number)? {
-            Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } => {
-                let feed_rate = *feed_rate;
-                return self.power_without_steps(feed_rate);
-            }
-            Command::Probe { probing, .. } => *probing,
-            _ => return None,
-        };
-        // The probe cannot change in a move of length 0.
-        match probing {
-            Probing::Probe { is_away, .. } if machine.inputs.has(Levels::PROBE) != is_away => {
-                Some(Work::Fault(Alarm::ProbeState))
-            }
-            Probing::Probe { may_miss, .. } => {
-                line.after_commands = Some(AfterCommands::Miss);
-                (!may_miss).then_some(Work::Fault(Alarm::ProbeContact))
-            }
-            Probing::LimitSwitch => {
-                line.after_commands = Some(AfterCommands::Answer);
-                None
-            }
+    /// Returns the speed that is the power of a laser that is on whatever moves.
+    fn constant_laser_rpm(&self) -> Option<f32> {
+        let is_on = self.interpreter.modal().spindle == Spindle::Clockwise;
+        match self.router.laser() {
+            Laser::Constant(rpm) if self.settings().laser && is_on => Some(rpm),
+            _ => None,
         }
-    }
-
-    /// Returns the work that switches the power of a laser that is on, of a move without a step: no block
-    /// carries it.
-    fn power_without_steps(&mut self, feed_rate: FeedRate) -> Option<Work> {
-        let Laser::Constant(rpm) = self.router.laser() else {
-            return None;
-        };
-        let is_laser = self.settings().laser;
-        let is_on = is_laser && self.interpreter.modal().spindle == Spindle::Clockwise;
-        if !is_on || matches!(feed_rate, FeedRate::Jog(_)) {
-            return None;
-        }
-        let after_commands = &mut self.line.after_commands;
-        *after_commands = after_commands.or(Some(AfterCommands::Answer));
-        Some(Work::Spindle(Spindle::Clockwise, rpm))
     }
 
     /// Ends the line when everything that was sent has been done.
