@@ -10,11 +10,11 @@
 
 use heapless::spsc::Producer;
 
-use super::{LineStage, Links, Session};
+use super::{LineStage, Links, Session, machine_sync::MachineSync};
 use crate::{
     machine::Snapshot,
-    model::State,
-    path::{Entry, Work},
+    model::{Command, PathControl, State},
+    path::{Blender, Entry, Router, Work},
     protocol::report,
 };
 
@@ -43,27 +43,17 @@ impl Session {
     pub(super) fn flush_moves(&mut self, entries: &mut Producer<'_, Entry>) {
         if self.blender.has_pending() {
             self.router.flush(&mut self.blender);
-            self.drain(entries);
+            self.machine_sync
+                .drain(&mut self.router, &mut self.blender, entries);
         }
     }
 
     /// Sends the moves that are held back, if the machine would soon brake without them.
     pub(super) fn flush_moves_in_time(&mut self, links: &mut Links<'_, '_>) {
         if self.blender.has_pending() {
-            self.flush_moves_near_end(links);
+            let (router, blender) = (&mut self.router, &mut self.blender);
+            (self.machine_sync).flush_near_end(links.machine, router, blender, links.entries);
         }
-    }
-
-    #[inline(never)]
-    fn flush_moves_near_end(&mut self, links: &mut Links<'_, '_>) {
-        let machine = links.machine;
-        let waiting = self.machine_sync.entered.wrapping_sub(machine.finished);
-        let is_near_end = waiting < HANDOVER_ENTRIES
-            && self.router.distance_from_mm(&machine.steps) <= self.machine_sync.handover_mm;
-        if waiting == 0 || is_near_end {
-            self.router.flush(&mut self.blender);
-        }
-        self.drain(links.entries);
     }
 
     /// Reports the greatest deviation from the programmed path, if there was any.
@@ -73,37 +63,87 @@ impl Session {
             report::path_deviation(&mut self.reports.message, deviation_mm);
         }
     }
+}
+
+impl MachineSync {
+    /// Sends the moves that are held back, if the machine would soon brake without them.
+    #[inline(never)]
+    pub(super) fn flush_near_end(
+        &mut self,
+        machine: &Snapshot,
+        router: &mut Router,
+        blender: &mut Blender,
+        entries: &mut Producer<'_, Entry>,
+    ) {
+        let waiting = self.entered.wrapping_sub(machine.finished);
+        let is_near_end = waiting < HANDOVER_ENTRIES
+            && router.distance_from_mm(&machine.steps) <= self.handover_mm;
+        if waiting == 0 || is_near_end {
+            router.flush(blender);
+        }
+        self.drain(router, blender, entries);
+    }
 
     /// Sends the moves that are ready. Returns false when there is no room for all of them.
     #[inline]
-    pub(super) fn drain(&mut self, entries: &mut Producer<'_, Entry>) -> bool {
-        self.blender.front().is_none() || self.drain_ready(entries)
+    pub(super) fn drain(
+        &mut self,
+        router: &mut Router,
+        blender: &mut Blender,
+        entries: &mut Producer<'_, Entry>,
+    ) -> bool {
+        blender.front().is_none() || self.drain_ready(router, blender, entries)
     }
 
     #[inline(never)]
-    fn drain_ready(&mut self, entries: &mut Producer<'_, Entry>) -> bool {
-        while let Some(output) = self.blender.front() {
+    fn drain_ready(
+        &mut self,
+        router: &mut Router,
+        blender: &mut Blender,
+        entries: &mut Producer<'_, Entry>,
+    ) -> bool {
+        while let Some(output) = blender.front() {
             if !entries.ready() {
                 return false;
             }
-            self.router.set_exact_stop(false);
-            while let Some(work) = self.router.work_before_blended(output) {
-                let end_ms = self.router.duration_ms();
-                self.machine_sync.send(work, end_ms, entries);
+            router.set_exact_stop(false);
+            while let Some(work) = router.work_before_blended(output) {
+                let end_ms = router.duration_ms();
+                self.send(work, end_ms, entries);
                 if !entries.ready() {
                     return false;
                 }
             }
-            if let Some(work) = self.router.route_blended(output) {
+            if let Some(work) = router.route_blended(output) {
                 if let Work::Move(block) = &work {
                     let speed = block.limit_mm_s.min(block.programmed_mm_s);
                     let braking_s = 0.5 * speed / block.acceleration_mm_s2;
-                    self.machine_sync.handover_mm = speed * (braking_s + HANDOVER_S);
+                    self.handover_mm = speed * (braking_s + HANDOVER_S);
                 }
-                let end_ms = self.router.duration_ms();
-                self.machine_sync.send(work, end_ms, entries);
+                let end_ms = router.duration_ms();
+                self.send(work, end_ms, entries);
             }
-            self.blender.dequeue();
+            blender.dequeue();
+        }
+        true
+    }
+
+    /// Sends what comes before a command on a machine with backlash. Returns false when there is no room for it or for
+    /// the command.
+    pub(super) fn send_take_up(
+        &mut self,
+        router: &mut Router,
+        command: &Command,
+        control: PathControl,
+        entries: &mut Producer<'_, Entry>,
+    ) -> bool {
+        router.set_exact_stop(control == PathControl::ExactStop);
+        while let Some(work) = router.work_before(command) {
+            let end_ms = router.duration_ms();
+            self.send(work, end_ms, entries);
+            if !entries.ready() {
+                return false;
+            }
         }
         true
     }

@@ -79,7 +79,7 @@ impl Session {
         if self.line.after_commands.is_some() {
             self.router.flush(&mut self.blender);
         }
-        if !self.drain(links.entries) {
+        if !(self.machine_sync).drain(&mut self.router, &mut self.blender, links.entries) {
             return false;
         }
         if self.line.after_commands == Some(AfterCommands::Message(Feedback::ProgramEnd)) {
@@ -100,7 +100,9 @@ impl Session {
     )]
     fn has_room(&mut self, links: &mut Links<'_, '_>) -> bool {
         self.machine_sync.waits_for_time = self.is_enough_queued(links.machine);
-        self.drain(links.entries) && links.entries.ready() && !self.machine_sync.waits_for_time
+        (self.machine_sync).drain(&mut self.router, &mut self.blender, links.entries)
+            && links.entries.ready()
+            && !self.machine_sync.waits_for_time
     }
 
     /// Returns whether what the machine has to do behind the work in execution lasts longer than `$797`, and longer than
@@ -135,29 +137,8 @@ impl Session {
             return true;
         };
         self.machine_sync.is_jogging |= self.line.source == Source::Jog;
-        self.send_take_up(
-            &command,
-            self.line.path_control(&self.interpreter),
-            links.entries,
-        )
-    }
-
-    /// The same for any command.
-    fn send_take_up(
-        &mut self,
-        command: &Command,
-        control: PathControl,
-        entries: &mut Producer<'_, Entry>,
-    ) -> bool {
-        (self.router).set_exact_stop(control == PathControl::ExactStop);
-        while let Some(work) = self.router.work_before(command) {
-            let end_ms = self.router.duration_ms();
-            self.machine_sync.send(work, end_ms, entries);
-            if !entries.ready() {
-                return false;
-            }
-        }
-        true
+        let control = self.line.path_control(&self.interpreter);
+        (self.machine_sync).send_take_up(&mut self.router, &command, control, links.entries)
     }
 
     /// Sends a command of the line to the machine, or to the blender before it. There is room.
@@ -207,7 +188,7 @@ impl Session {
             self.router.blend(&mut self.blender, control, command);
             return true;
         }
-        if !self.send_take_up(command, control, links.entries) {
+        if !(self.machine_sync).send_take_up(&mut self.router, command, control, links.entries) {
             return false;
         }
         let is_sent = enqueue(
