@@ -15,7 +15,6 @@
 mod backlash;
 mod cycles;
 mod delays;
-mod entries;
 mod job;
 mod publish;
 mod requests;

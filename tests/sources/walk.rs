@@ -3,7 +3,7 @@
 use std::{collections::BTreeSet, fmt::Write as _, fs, path::Path};
 
 /// Most files that a reader opens to follow the walk; leaves do not count.
-const MOST_FILES: usize = 30;
+const MOST_FILES: usize = 29;
 
 /// A name, the file in `src/` that has it, and the number of the line that says so.
 type Named<'a> = (&'a str, &'a str, usize);
