@@ -116,3 +116,16 @@ fn e_has_no_travel_and_is_not_homed() {
     assert_eq!(f64::from(machine.physical_steps()[3]), 55.0 * E_STEPS);
     assert_eq!(machine.ask("G1 A3"), ["echo:A: no such axis", "ok"]);
 }
+
+#[test]
+fn a_refused_line_leaves_e_where_it_was() {
+    for refused in ["G92 E4 X", "G2 X5 E4", "M83 G2 X5 E4"] {
+        let mut machine = extruding(&[]);
+        machine.ask("G1 F3000 E1");
+        assert_ne!(machine.ask(refused), ["ok"], "{refused}");
+        assert_eq!(machine.ask("M110 N0"), ["ok"]);
+        machine.ask("G1 E2");
+        let position = f64::from(machine.physical_steps()[3]);
+        assert_eq!(position, 2.0 * E_STEPS, "{refused}");
+    }
+}

@@ -155,6 +155,7 @@ impl SenderDialect for RepRap {
                 }
             }
             Err(error) => {
+                self.next_extruder = self.extruder;
                 let text = &mut reports.message;
                 let is_homing = settings.is_homing_on();
                 replies::refusal(text, error, lines.raw.words(), self.alarm, is_homing);
