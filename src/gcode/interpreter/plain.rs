@@ -1,7 +1,7 @@
 //! Plain lines, of which programs consist: `G0`, `G1` or neither, axes, `F`, `N`, and nothing else.
 //!
 //! Such a line changes the position, the motion mode and the feed, and makes one command. All other
-//! lines, and lines with an error, are left to [`check`], which alone knows the errors
+//! lines, and lines with an error, are left to [`check`](super::check), which alone knows the errors
 //! and their order. Whatever is accepted here has the same effect there (`tests/interpreter/plain.rs`).
 //!
 //! # Cost
