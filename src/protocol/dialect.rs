@@ -46,7 +46,7 @@ impl Dialect {
 
 /// What the session lets a dialect beside Grbl's work with.
 #[derive(Debug)]
-pub(super) struct Conversation<'a> {
+pub(super) struct SessionContext<'a> {
     pub(super) machine: &'a Snapshot,
     pub(super) requests: &'a Requests,
     pub(super) settings: &'a Settings,
@@ -124,7 +124,7 @@ pub(super) enum Restart {
 
 /// What a dialect does otherwise than Grbl.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) struct Rules {
+pub(super) struct DialectRules {
     /// A machine that has stopped still answers lines: it refuses them.
     pub(super) answers_when_stopped: bool,
     /// A locked machine executes lines that move nothing and switch nothing on.
@@ -148,7 +148,7 @@ pub(super) trait SenderDialect {
     /// if there is room for it.
     fn attend(
         &mut self,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
         received: &mut ByteReader<'_>,
         has_room: bool,
     ) -> Option<Work>;
@@ -156,7 +156,7 @@ pub(super) trait SenderDialect {
     /// Reads the next line, or goes on with the one that has been begun. `None` in Grbl.
     fn read_line(
         &mut self,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
         received: &mut ByteReader<'_>,
     ) -> Option<NextStep>;
 
@@ -183,5 +183,5 @@ pub(super) trait SenderDialect {
     fn settings_in_effect(&self, stored: &Settings) -> Settings;
 
     /// Returns what the dialect does otherwise than Grbl.
-    fn rules(&self) -> Rules;
+    fn rules(&self) -> DialectRules;
 }

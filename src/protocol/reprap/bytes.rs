@@ -20,7 +20,7 @@ use crate::{
     protocol::{
         ByteReader, Emergency, RawLine,
         checked_lines::TAKEN,
-        dialect::Conversation,
+        dialect::SessionContext,
         realtime::is_request,
         utf8_requests::{LATIN_1_LEAD, is_utf8_request},
     },
@@ -86,7 +86,7 @@ impl RepRap {
     }
 
     /// Looks at the bytes that have come since the last time.
-    pub(super) fn scan(&mut self, session: &mut Conversation<'_>, received: &mut ByteReader<'_>) {
+    pub(super) fn scan(&mut self, session: &mut SessionContext<'_>, received: &mut ByteReader<'_>) {
         if self.scan.bytes_from(received.oldest()) > received.capacity() {
             // A reset has dropped bytes.
             self.scan.begin(received.oldest());
@@ -140,7 +140,7 @@ impl RepRap {
     }
 
     /// Requests what a realtime byte asks for.
-    fn accept_realtime(&mut self, byte: u8, number: usize, session: &mut Conversation<'_>) {
+    fn accept_realtime(&mut self, byte: u8, number: usize, session: &mut SessionContext<'_>) {
         match byte {
             b'?' => session.reports.is_status_due = true,
             0x18 => self.stop(RestartKind::Plain, session),
@@ -150,14 +150,14 @@ impl RepRap {
     }
 
     /// Stops the machine by a reset, on which it has to act.
-    fn stop(&mut self, kind: RestartKind, session: &mut Conversation<'_>) {
+    fn stop(&mut self, kind: RestartKind, session: &mut SessionContext<'_>) {
         self.begin_restart(kind);
         session.requests.reset();
         *session.has_release_request = true;
     }
 
     /// Ends a line that has been looked at.
-    fn end_scanned_line(&mut self, number: usize, session: &mut Conversation<'_>) {
+    fn end_scanned_line(&mut self, number: usize, session: &mut SessionContext<'_>) {
         let scan = &mut self.scan;
         let emergency = scan.line.emergency();
         scan.line.clear();

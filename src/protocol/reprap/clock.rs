@@ -4,7 +4,7 @@ use super::RepRap;
 use crate::{
     model::{State, timing::TICK_MS},
     path::Work,
-    protocol::{ByteReader, dialect::Conversation, report, session::LineStage},
+    protocol::{ByteReader, dialect::SessionContext, report, session::LineStage},
 };
 
 /// Silence after which a realtime byte counts anywhere, ms.
@@ -51,7 +51,7 @@ impl RepRap {
     /// Does what is due by the clock. Returns work for the machine.
     pub(super) fn pass_time(
         &mut self,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
         bytes: &ByteReader<'_>,
     ) -> Option<Work> {
         let timers = &mut self.timers;
@@ -86,7 +86,11 @@ impl RepRap {
     }
 
     /// Reports the position where that is due. Returns whether it is.
-    fn report_position_in_time(&mut self, passed_ms: u32, session: &mut Conversation<'_>) -> bool {
+    fn report_position_in_time(
+        &mut self,
+        passed_ms: u32,
+        session: &mut SessionContext<'_>,
+    ) -> bool {
         let timers = &mut self.timers;
         timers.position_ms = timers.position_ms.saturating_add(passed_ms);
         let interval_ms = u32::from(self.position_interval_s) * 1000;
@@ -105,7 +109,7 @@ impl RepRap {
     fn report_waiting(
         &mut self,
         passed_ms: u32,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
         received: &ByteReader<'_>,
     ) {
         let state = session.machine.state;
@@ -138,7 +142,11 @@ impl RepRap {
     }
 
     /// Switches the drivers off after the time of standstill that a program has set.
-    fn pass_standstill(&mut self, passed_ms: u32, session: &mut Conversation<'_>) -> Option<Work> {
+    fn pass_standstill(
+        &mut self,
+        passed_ms: u32,
+        session: &mut SessionContext<'_>,
+    ) -> Option<Work> {
         let is_still = matches!(session.machine.state, State::Idle | State::Alarm)
             && session.stage == LineStage::Reading
             && session.is_done;
@@ -154,7 +162,7 @@ impl RepRap {
     fn pass_pause(
         &mut self,
         passed_ms: u32,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
         received: &ByteReader<'_>,
     ) {
         let is_paused = session.machine.state == State::HoldComplete
@@ -171,7 +179,7 @@ impl RepRap {
     }
 
     /// Returns whether the end of a checked line has been lost: nothing has come for a second.
-    pub(super) fn has_lost_line_end(&self, session: &Conversation<'_>) -> bool {
+    pub(super) fn has_lost_line_end(&self, session: &SessionContext<'_>) -> bool {
         let lines = &session.lines;
         self.timers.silent_ms >= HOST_TIMEOUT_MS
             && lines.has_begun

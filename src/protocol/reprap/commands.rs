@@ -10,7 +10,7 @@ use crate::{
     model::{Levels, Override},
     protocol::{
         ByteReader, Text,
-        dialect::{Conversation, NextStep, SenderDialect},
+        dialect::{NextStep, SenderDialect, SessionContext},
         listing, report,
     },
     settings::Settings,
@@ -45,7 +45,7 @@ impl RepRap {
     #[inline(never)]
     pub(super) fn execute(
         &mut self,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
         received: &ByteReader<'_>,
     ) -> NextStep {
         let Some(command) = self.command else {
@@ -124,7 +124,7 @@ impl RepRap {
     }
 
     /// Writes the answer to `M114`, without its `ok`.
-    pub(super) fn write_position(&self, session: &mut Conversation<'_>, is_now: bool) {
+    pub(super) fn write_position(&self, session: &mut SessionContext<'_>, is_now: bool) {
         let position = if is_now {
             report::machine_position(session.machine, session.settings)
         } else {
@@ -138,7 +138,7 @@ impl RepRap {
     }
 
     /// Writes the next line of the answer to `M115` or `M503`, and its `ok` after the last.
-    pub(super) fn list(&self, line: usize, session: &mut Conversation<'_>) -> NextStep {
+    pub(super) fn list(&self, line: usize, session: &mut SessionContext<'_>) -> NextStep {
         let text = &mut session.reports.message;
         let has_line = if self.command == Some(HostCommand::Firmware) {
             replies::firmware(text, line, session.settings)
@@ -155,7 +155,7 @@ impl RepRap {
     }
 
     /// Homes the axes of a mask, 0 for all but the one that `E` drives.
-    fn home(&mut self, mask: u8, session: &mut Conversation<'_>) -> NextStep {
+    fn home(&mut self, mask: u8, session: &mut SessionContext<'_>) -> NextStep {
         let settings = session.settings;
         if !settings.is_homing_on() {
             write_line(&mut session.reports.message, "echo:homing is off, $22");
@@ -175,7 +175,7 @@ impl RepRap {
     fn lower_limits(
         &mut self,
         command: HostCommand,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
     ) -> Result<NextStep, LineError> {
         let words = session.lines.raw.words();
         let is_common = command == HostCommand::CommonAcceleration;
@@ -229,7 +229,7 @@ fn write_line(text: &mut Text, line: &str) {
 }
 
 /// Makes the feed override a percentage, by the realtime commands for it. They fit their queue.
-fn override_feed(session: &mut Conversation<'_>, percent: u8, received: usize) {
+fn override_feed(session: &mut SessionContext<'_>, percent: u8, received: usize) {
     let requests = session.requests;
     *session.has_release_request = true;
     let difference = percent.abs_diff(100);

@@ -10,7 +10,7 @@ use crate::{
     model::State,
     protocol::{
         ByteReader, FailedCheck, Verdict,
-        dialect::{Conversation, NextStep},
+        dialect::{NextStep, SessionContext},
         session::LineStage,
     },
     settings::Settings,
@@ -22,7 +22,7 @@ impl RepRap {
     #[inline(never)]
     pub(super) fn next_step(
         &mut self,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
         received: &mut ByteReader<'_>,
     ) -> NextStep {
         if let LineStage::ListingInDialect(line) = session.stage {
@@ -59,7 +59,11 @@ impl RepRap {
     }
 
     /// Executes a line that has ended, or refuses it.
-    fn check(&mut self, session: &mut Conversation<'_>, received: &mut ByteReader<'_>) -> NextStep {
+    fn check(
+        &mut self,
+        session: &mut SessionContext<'_>,
+        received: &mut ByteReader<'_>,
+    ) -> NextStep {
         self.command = None;
         let lines = &mut *session.lines;
         let verdict = lines.verdict();
@@ -107,7 +111,7 @@ impl RepRap {
     fn ask_again(
         &mut self,
         failed: FailedCheck,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
         received: &ByteReader<'_>,
     ) -> NextStep {
         self.stale_before = Some(received.written());
@@ -118,7 +122,7 @@ impl RepRap {
     /// Reads the words of a line, and executes them.
     fn read_words(
         &mut self,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
         received: &ByteReader<'_>,
     ) -> NextStep {
         self.next_extruder = self.extruder;

@@ -6,7 +6,7 @@
 //! blank gets exactly one `ok`. [`clock`] has what is due by time, [`replies`] the words of all answers.
 //!
 //! The session knows the layer by [`SenderDialect`] alone, and the layer knows of the session what a
-//! [`Conversation`] lends: the session stays the one that owns the order of things. Without the feature `reprap`
+//! [`SessionContext`] lends: the session stays the one that owns the order of things. Without the feature `reprap`
 //! the dialect is off at compile time, and nothing of the layer is in the image.
 
 mod bytes;
@@ -18,7 +18,7 @@ pub mod replies;
 use super::{
     ByteReader, Text,
     checked_lines::CheckedLines,
-    dialect::{Conversation, NextStep, Restart, Rules, SenderDialect, SenderMessage},
+    dialect::{DialectRules, NextStep, Restart, SenderDialect, SenderMessage, SessionContext},
     report,
     session::Reports,
 };
@@ -103,7 +103,7 @@ impl SenderDialect for RepRap {
     #[inline]
     fn attend(
         &mut self,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
         received: &mut ByteReader<'_>,
         has_room: bool,
     ) -> Option<Work> {
@@ -122,7 +122,7 @@ impl SenderDialect for RepRap {
     #[inline]
     fn read_line(
         &mut self,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
         received: &mut ByteReader<'_>,
     ) -> Option<NextStep> {
         self.is_on().then(|| self.next_step(session, received))
@@ -203,11 +203,11 @@ impl SenderDialect for RepRap {
     }
 
     #[inline]
-    fn rules(&self) -> Rules {
+    fn rules(&self) -> DialectRules {
         if !self.is_on() {
-            return Rules::default();
+            return DialectRules::default();
         }
-        Rules {
+        DialectRules {
             answers_when_stopped: true,
             executes_when_locked: self.alarm.is_none(),
             keeps_lines: !self.drops_lines(),
@@ -228,7 +228,7 @@ impl RepRap {
     /// Begins or ends to be in effect.
     #[cold]
     #[inline(never)]
-    fn begin(&mut self, session: &mut Conversation<'_>, received: &ByteReader<'_>) {
+    fn begin(&mut self, session: &mut SessionContext<'_>, received: &ByteReader<'_>) {
         if self.is_on {
             session.interpreter.set_default_feed(DEFAULT_FEED_MM_MIN);
         }
@@ -258,7 +258,7 @@ impl RepRap {
     #[inline(never)]
     fn attend_host(
         &mut self,
-        session: &mut Conversation<'_>,
+        session: &mut SessionContext<'_>,
         received: &mut ByteReader<'_>,
         has_room: bool,
     ) -> Option<Work> {
@@ -313,7 +313,7 @@ impl RepRap {
     }
 
     /// Locks the machine after a reset, or unlocks it; else ends the reset.
-    fn end_restart(&mut self, session: &mut Conversation<'_>) -> Option<Work> {
+    fn end_restart(&mut self, session: &mut SessionContext<'_>) -> Option<Work> {
         let machine = session.machine;
         let is_locked =
             machine.state == State::Alarm && !machine.is_critical && !machine.failed_self_test;

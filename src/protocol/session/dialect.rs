@@ -7,7 +7,7 @@ use crate::{
     path::Work,
     protocol::{
         Dialect, FailedCheck, Verdict,
-        dialect::{Conversation, NextStep, SenderDialect},
+        dialect::{NextStep, SenderDialect, SessionContext},
         reprap::RepRap,
     },
 };
@@ -15,13 +15,13 @@ use crate::{
 impl Session {
     /// Lends a dialect what it works with.
     #[inline]
-    fn lend<'a>(&'a mut self, links: &Links<'a, '_>) -> (&'a mut RepRap, Conversation<'a>) {
+    fn lend<'a>(&'a mut self, links: &Links<'a, '_>) -> (&'a mut RepRap, SessionContext<'a>) {
         let is_done = self.is_done(links.machine);
         let reset_count = self.machine_sync.reset_count;
         let has_reset = !matches!(self.stage, LineStage::Starting { .. })
             && links.machine.reset_count == reset_count
             && links.requests.reset_count() == reset_count;
-        let conversation = Conversation {
+        let conversation = SessionContext {
             machine: links.machine,
             requests: links.requests,
             settings: &self.persistence.stored.settings,

@@ -21,13 +21,13 @@ const OUTPUTS: [(&str, &str, &str); 5] = [
 ];
 
 /// A type that is written: what it is, and its keys or its values.
-struct Form {
+struct JsonType {
     text: String,
-    rows: Vec<Row>,
+    rows: Vec<JsonKey>,
 }
 
 /// A key of an object, or one of the values of an enumeration.
-struct Row {
+struct JsonKey {
     /// None where the keys of another form stand in its place.
     key: Option<String>,
     is_optional: bool,
@@ -71,8 +71,8 @@ pub(crate) fn document() -> Result<String> {
 /// Writes the rows of a form, and adds the forms that they name.
 fn write_rows(
     text: &mut String,
-    form: &Form,
-    forms: &BTreeMap<String, Form>,
+    form: &JsonType,
+    forms: &BTreeMap<String, JsonType>,
     names: &mut Vec<String>,
 ) -> Result<()> {
     for row in &form.rows {
@@ -102,7 +102,7 @@ fn write_rows(
 }
 
 /// Names a value as readers of JSON do, and adds the form that it names.
-fn value(of: &Type, forms: &BTreeMap<String, Form>, names: &mut Vec<String>) -> String {
+fn value(of: &Type, forms: &BTreeMap<String, JsonType>, names: &mut Vec<String>) -> String {
     match of {
         Type::Reference(it) => value(&it.elem, forms, names),
         Type::Array(it) => format!("list of {}", value(&it.elem, forms, names)),
@@ -164,7 +164,7 @@ fn arguments(of: &Type) -> Vec<Type> {
 }
 
 /// Reads the types in a folder that are written.
-fn read_folder(folder: &Path, forms: &mut BTreeMap<String, Form>) -> Result<()> {
+fn read_folder(folder: &Path, forms: &mut BTreeMap<String, JsonType>) -> Result<()> {
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
         if path.is_dir() {
@@ -184,7 +184,7 @@ fn read_folder(folder: &Path, forms: &mut BTreeMap<String, Form>) -> Result<()> 
 }
 
 /// The form of an item that is written.
-fn form_of(item: &Item) -> Option<(String, Form)> {
+fn form_of(item: &Item) -> Option<(String, JsonType)> {
     let (name, attributes) = match item {
         Item::Struct(it) => (it.ident.to_string(), &it.attrs),
         Item::Enum(it) => (it.ident.to_string(), &it.attrs),
@@ -199,7 +199,7 @@ fn form_of(item: &Item) -> Option<(String, Form)> {
         Item::Struct(it) => rows_of(&it.fields),
         Item::Enum(it) => {
             let case = text_of(attributes, "rename_all");
-            let row = |variant: &syn::Variant| Row {
+            let row = |variant: &syn::Variant| JsonKey {
                 key: Some(in_case(&variant.ident.to_string(), case.as_deref())),
                 is_optional: false,
                 written: None,
@@ -210,11 +210,11 @@ fn form_of(item: &Item) -> Option<(String, Form)> {
         _ => Vec::new(),
     };
     let text = comment(attributes);
-    is_written.then_some((name, Form { text, rows }))
+    is_written.then_some((name, JsonType { text, rows }))
 }
 
 /// The form of a type that code of its own writes: its comment says how.
-fn form_of_own_code(item: &Item, all: &[Item]) -> Option<(String, Form)> {
+fn form_of_own_code(item: &Item, all: &[Item]) -> Option<(String, JsonType)> {
     let Item::Impl(written) = item else {
         return None;
     };
@@ -227,17 +227,17 @@ fn form_of_own_code(item: &Item, all: &[Item]) -> Option<(String, Form)> {
         _ => None,
     })?;
     let rows = Vec::new();
-    Some((name, Form { text, rows }))
+    Some((name, JsonType { text, rows }))
 }
 
-fn rows_of(fields: &Fields) -> Vec<Row> {
+fn rows_of(fields: &Fields) -> Vec<JsonKey> {
     let is_written = |field: &&syn::Field| !has(&field.attrs, "skip");
     let row = |field: &syn::Field| {
         let name = field
             .ident
             .as_ref()
             .map_or_else(String::new, ToString::to_string);
-        Row {
+        JsonKey {
             key: (!has(&field.attrs, "flatten"))
                 .then(|| text_of(&field.attrs, "rename").unwrap_or(name)),
             is_optional: has(&field.attrs, "skip_serializing_if"),

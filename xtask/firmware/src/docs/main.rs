@@ -249,7 +249,7 @@ const CORE_XY: &str = "\n## CoreXY\n\n\
 fn step_rates() -> String {
     let proven = match proven::committed() {
         StepRate::Proven(hz) => format!(
-            "The firmware of the emulated board with {AXES} axes is proven for {} steps per second \
+            "The firmware of the Netduino Plus 2 with {AXES} axes is proven for {} steps per second \
              ([{}]({})).",
             separated(hz.into()),
             proven::REPORT,

@@ -37,7 +37,7 @@ const MARKS: [&str; 4] = [
 
 /// A mark: its file from the root of the project, its line from 0, and its text.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-struct Mark {
+struct OptimiserMark {
     file: String,
     line: usize,
     text: &'static str,
@@ -56,9 +56,9 @@ struct Trial<'a> {
     /// The bytes of the copy as it is now.
     bytes: usize,
     sources: BTreeMap<String, String>,
-    removed: BTreeSet<Mark>,
+    removed: BTreeSet<OptimiserMark>,
     /// Those that stay, and why.
-    kept: BTreeMap<Mark, String>,
+    kept: BTreeMap<OptimiserMark, String>,
     tried: usize,
 }
 
@@ -74,7 +74,7 @@ pub(super) fn run(board: &Board, prefix: &str, write: bool) -> Result<()> {
         .into_iter()
         .filter(|file| file.name.starts_with(prefix));
     let sources: BTreeMap<_, _> = files.map(|file| (file.name, file.text)).collect();
-    let marks: Vec<Mark> = sources
+    let marks: Vec<OptimiserMark> = sources
         .iter()
         .flat_map(|(file, text)| marks(file, text))
         .collect();
@@ -89,11 +89,11 @@ pub(super) fn run(board: &Board, prefix: &str, write: bool) -> Result<()> {
         tried: 0,
     };
     // Those of one kind in one folder mostly have one reason.
-    let folder = |mark: &Mark| {
+    let folder = |mark: &OptimiserMark| {
         let name = Path::new(&mark.file).iter().nth(1);
         name.map(|it| it.to_string_lossy().into_owned())
     };
-    let mut groups: BTreeMap<_, Vec<Mark>> = BTreeMap::new();
+    let mut groups: BTreeMap<_, Vec<OptimiserMark>> = BTreeMap::new();
     for mark in marks {
         groups
             .entry((mark.text, folder(&mark)))
@@ -121,18 +121,22 @@ pub(super) fn run(board: &Board, prefix: &str, write: bool) -> Result<()> {
 }
 
 /// The marks of a source.
-fn marks(file: &str, text: &str) -> Vec<Mark> {
+fn marks(file: &str, text: &str) -> Vec<OptimiserMark> {
     let lines = text.lines().enumerate();
     let found = lines.filter_map(|(line, text)| {
         let text = MARKS.into_iter().find(|mark| *mark == text.trim())?;
         let file = file.to_owned();
-        Some(Mark { file, line, text })
+        Some(OptimiserMark { file, line, text })
     });
     found.collect()
 }
 
 /// A source without some marks, and without the words that excuse them; `instead` stands in each line.
-fn without<'a>(text: &str, marks: impl Iterator<Item = &'a Mark>, instead: &str) -> String {
+fn without<'a>(
+    text: &str,
+    marks: impl Iterator<Item = &'a OptimiserMark>,
+    instead: &str,
+) -> String {
     let removed: BTreeSet<usize> = marks.map(|mark| mark.line).collect();
     let mut kept = String::new();
     let mut is_excuse = false;
@@ -161,7 +165,7 @@ fn without<'a>(text: &str, marks: impl Iterator<Item = &'a Mark>, instead: &str)
 
 impl Trial<'_> {
     /// Takes out all of some marks, or each half of them by itself.
-    fn reduce(&mut self, marks: &[Mark]) -> Result<()> {
+    fn reduce(&mut self, marks: &[OptimiserMark]) -> Result<()> {
         let Some(reason) = self.try_without(marks)? else {
             let what = format!("{} of {}", marks.len(), marks[0].file);
             ui::status("Removed", &format!("{} {what}", marks[0].text));
@@ -181,7 +185,7 @@ impl Trial<'_> {
     }
 
     /// Takes out marks besides those that are out; why they have to stay, if they have.
-    fn try_without(&mut self, marks: &[Mark]) -> Result<Option<String>> {
+    fn try_without(&mut self, marks: &[OptimiserMark]) -> Result<Option<String>> {
         self.tried += 1;
         let mut removed = self.removed.clone();
         removed.extend(marks.iter().cloned());
@@ -221,7 +225,7 @@ impl Trial<'_> {
     }
 
     /// Writes the sources of the copy without some marks. Lines keep their numbers.
-    fn write(&self, removed: &BTreeSet<Mark>) -> Result<()> {
+    fn write(&self, removed: &BTreeSet<OptimiserMark>) -> Result<()> {
         for (file, text) in &self.sources {
             let marks = removed.iter().filter(|mark| mark.file == *file);
             let path = self.copy.folder.join(file);
@@ -255,7 +259,7 @@ impl Trial<'_> {
     }
 
     /// The beginning of what a mark stands before.
-    fn item(&self, mark: &Mark) -> String {
+    fn item(&self, mark: &OptimiserMark) -> String {
         let text = self.sources.get(&mark.file).map_or("", String::as_str);
         let mut lines = text.lines().skip(mark.line + 1).map(str::trim);
         let item = lines.find(|line| line.contains("fn "));
