@@ -6,7 +6,6 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fmt::Write as _,
     fs,
     path::Path,
 };
@@ -43,32 +42,22 @@ struct OptimiserMark {
     text: &'static str,
 }
 
-/// What a firmware is measured by.
-struct Figures {
-    rates: BTreeMap<String, u32>,
-    bytes: usize,
-}
-
 /// Takes marks out of a copy.
 struct Trial<'a> {
     copy: ProjectCopy<'a>,
-    base: Figures,
-    /// The bytes of the copy as it is now.
-    bytes: usize,
+    /// What is proven with all marks.
+    base: BTreeMap<String, u32>,
+    /// The code of the copy as it is now.
+    code: Vec<u8>,
     sources: BTreeMap<String, String>,
     removed: BTreeSet<OptimiserMark>,
     /// Those that stay, and why.
     kept: BTreeMap<OptimiserMark, String>,
-    tried: usize,
 }
 
 /// Finds out what each mark in files whose names begin so is for.
 pub(super) fn run(board: &Board, prefix: &str, write: bool) -> Result<()> {
     let copy = ProjectCopy::new(board, &cargo::target_dir().join("marks"))?;
-    let base = Figures {
-        rates: copy.analyse()?.proven_step_rate_hz,
-        bytes: copy.code()?.len(),
-    };
     let files = SourceFile::all(&copy.folder).map_err(anyhow::Error::msg)?;
     let files = files
         .into_iter()
@@ -80,13 +69,12 @@ pub(super) fn run(board: &Board, prefix: &str, write: bool) -> Result<()> {
         .collect();
     ui::status("Found", &format!("{} marks", separated(marks.len() as u64)));
     let mut trial = Trial {
+        base: copy.analyse()?.proven_step_rate_hz,
+        code: copy.code()?,
         copy,
-        bytes: base.bytes,
-        base,
         sources,
         removed: BTreeSet::new(),
         kept: BTreeMap::new(),
-        tried: 0,
     };
     // Those of one kind in one folder mostly have one reason.
     let folder = |mark: &OptimiserMark| {
@@ -100,10 +88,22 @@ pub(super) fn run(board: &Board, prefix: &str, write: bool) -> Result<()> {
             .or_default()
             .push(mark);
     }
+    let named = fs::read_to_string(cargo::root().join("schedule.toml"))?;
     for group in groups.values() {
-        trial.reduce(group)?;
+        let (named, others): (Vec<_>, Vec<_>) = group
+            .iter()
+            .cloned()
+            .partition(|mark| mark.text == "#[inline(never)]" && names(&named, &trial.item(mark)));
+        let reason = || "named in `schedule.toml`".to_owned();
+        trial
+            .kept
+            .extend(named.into_iter().map(|mark| (mark, reason())));
+        if !others.is_empty() {
+            trial.reduce(&others)?;
+        }
     }
-    let table = trial.table();
+    let shown = fs::read_to_string(cargo::root().join(TEXT))?;
+    let table = trial.table(others(&shown, prefix));
     println!("\n{table}");
     if write {
         let root = cargo::root();
@@ -186,21 +186,24 @@ impl Trial<'_> {
 
     /// Takes out marks besides those that are out; why they have to stay, if they have.
     fn try_without(&mut self, marks: &[OptimiserMark]) -> Result<Option<String>> {
-        self.tried += 1;
         let mut removed = self.removed.clone();
         removed.extend(marks.iter().cloned());
         self.write(&removed)?;
         if !self.copy.build()? {
             return Ok(Some("does not compile".into()));
         }
-        let bytes = self.copy.code()?.len();
-        let reason = match self.copy.analyse() {
-            Ok(report) => self.reason(&report, bytes),
-            Err(error) => Some(first_line(&error.to_string())),
+        let code = self.copy.code()?;
+        let reason = if code == self.code {
+            None
+        } else {
+            match self.copy.analyse() {
+                Ok(report) => self.reason(&report, code.len()),
+                Err(error) => Some(first_line(&error.to_string())),
+            }
         };
         if reason.is_none() {
             self.removed = removed;
-            self.bytes = bytes;
+            self.code = code;
         }
         Ok(reason)
     }
@@ -211,7 +214,7 @@ impl Trial<'_> {
             return Some(format!("the proof: {}", first_line(&flaw.what)));
         }
         for (baud, rate) in &report.proven_step_rate_hz {
-            let before = self.base.rates.get(baud).copied().unwrap_or_default();
+            let before = self.base.get(baud).copied().unwrap_or_default();
             if f64::from(*rate) < LEAST_RATE * f64::from(before) {
                 return Some(format!(
                     "{} steps/s in place of {} at {baud} baud",
@@ -220,7 +223,7 @@ impl Trial<'_> {
                 ));
             }
         }
-        let growth = bytes.saturating_sub(self.bytes);
+        let growth = bytes.saturating_sub(self.code.len());
         (growth > MOST_GROWTH).then(|| format!("{} bytes more", separated(growth as u64)))
     }
 
@@ -238,22 +241,23 @@ impl Trial<'_> {
         Ok(())
     }
 
-    fn table(&self) -> String {
+    /// What stays, with the rows of other files.
+    fn table<'t>(&self, others: impl Iterator<Item = &'t str>) -> String {
+        let mut rows: BTreeSet<String> = others.map(str::to_owned).collect();
+        rows.extend(self.kept.iter().map(|(mark, reason)| {
+            let OptimiserMark { file, text, .. } = mark;
+            format!(
+                "| `{file}`, before `{}` | `{text}` | {reason} |",
+                self.item(mark)
+            )
+        }));
         let mut text = format!(
-            "{} marks were taken out in {} trials, {} stay:\n\n| where | mark | without it |\n|---|---|---|\n",
-            self.removed.len(),
-            self.tried,
-            self.kept.len()
+            "{} marks stay:\n\n| where | mark | without it |\n|---|---|---|\n",
+            rows.len()
         );
-        for (mark, reason) in &self.kept {
-            // Writing to a string never fails.
-            let _ = writeln!(
-                text,
-                "| `{}`, before `{}` | `{}` | {reason} |",
-                mark.file,
-                self.item(mark),
-                mark.text
-            );
+        for row in rows {
+            text.push_str(&row);
+            text.push('\n');
         }
         text
     }
@@ -268,6 +272,18 @@ impl Trial<'_> {
             .map_or("", |(_, name)| name);
         item.split(['(', '<']).next().unwrap_or_default().to_owned()
     }
+}
+
+/// The rows of a shown table about files whose names begin otherwise.
+fn others<'t>(shown: &'t str, prefix: &str) -> impl Iterator<Item = &'t str> {
+    let rows = shown.lines().filter(|line| line.starts_with("| `src/"));
+    rows.filter(move |row| !row["| `".len()..].starts_with(prefix))
+}
+
+/// Whether the file of the proof names a function.
+fn names(toml: &str, function: &str) -> bool {
+    let words = toml.split(|it: char| !it.is_alphanumeric() && it != '_');
+    words.into_iter().any(|word| word == function)
 }
 
 /// The first line of a text.
@@ -294,6 +310,9 @@ mod tests {
             "/// A.\nfn a() {}\n\nfn b() {}\nfn c() {}\n"
         );
         assert_eq!(without(SOURCE, found[..0].iter(), ""), SOURCE);
+        let shown = "| `src/a.rs`, before `a` | `#[cold]` | x |\n| `src/b/c.rs`, before `b` | `#[cold]` | x |\nEnd\n";
+        assert_eq!(others(shown, "src/a").count(), 1);
+        assert!(names("function = \"a::b_c\"", "b_c") && !names("function = \"a::b_c\"", "b"));
         let blank = without(SOURCE, found[1..].iter(), "\n");
         assert_eq!(blank.lines().count(), SOURCE.lines().count());
         assert!(blank.contains("#[inline(always)]\n#[expect"));
