@@ -1,53 +1,8 @@
-//! Buttons, the door, and what is reported of inputs.
+//! What is reported of inputs, and a break on the line.
 
 use leadscrew::model::Levels;
 
-use crate::machine::{Machine, RESET};
-
-#[test]
-fn the_buttons_hold_resume_and_reset() {
-    let Some(mut machine) = Machine::boot() else {
-        return;
-    };
-    assert_eq!(machine.ask("G1X150F400"), ["ok"]);
-    machine.memory.wait_for_steps(0, |steps| steps >= 100);
-    machine.memory.close(Levels::HOLD);
-    machine.wait_for("Hold:0");
-    machine.memory.close(Levels::NONE);
-    let held = machine.memory.steps();
-    machine.memory.close(Levels::START);
-    machine.wait_for("Run");
-    machine.memory.close(Levels::RESET);
-    machine.wait_for_welcome();
-    machine.memory.close(Levels::NONE);
-    machine.wait_for("Alarm");
-    assert!(machine.memory.steps()[0] >= held[0]);
-}
-
-#[test]
-fn the_door_stops_and_cycle_start_resumes_once_it_is_closed() {
-    let Some(mut machine) = Machine::boot_small() else {
-        return;
-    };
-    assert_eq!(machine.ask("M8"), ["ok"]);
-    assert_eq!(machine.ask("G1X100F600"), ["ok"]);
-    machine.memory.wait_for_steps(0, |steps| steps >= 100);
-    machine.memory.close(Levels::DOOR);
-    machine.wait_for("Door:1");
-    assert_eq!(machine.memory.switched().flood(), 0);
-    // An open door cannot be resumed from.
-    machine.send(b"~");
-    assert_eq!(machine.status().state, "Door:1");
-    let stopped = machine.memory.steps();
-    machine.memory.close(Levels::NONE);
-    machine.wait_for("Door:0");
-    assert_eq!(machine.memory.steps(), stopped);
-    machine.send(b"~");
-    machine.wait_for("Run");
-    assert_eq!(machine.memory.switched().flood(), 1);
-    machine.send(RESET);
-    machine.wait_for_welcome();
-}
+use crate::machine::Machine;
 
 #[test]
 fn an_input_that_is_active_is_reported() {

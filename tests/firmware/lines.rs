@@ -1,12 +1,6 @@
 //! Lines, programs and resets.
 
-use grbl_client::Report;
-
-use crate::{
-    cases::rounds,
-    machine::{Machine, RESET},
-    sender::Sender,
-};
+use crate::{cases::rounds, machine::Machine, sender::Sender};
 
 /// The control register of SysTick, the step timer, and its bit that says that it runs to an event.
 const SYST_CSR: u64 = 0xe000_e010;
@@ -62,39 +56,6 @@ fn a_program_ends_where_it_should_with_inverted_outputs() {
     sender.finish();
     let status = machine.wait_for_idle();
     assert_eq!(status.xyz(), Some("3.000,4.000,-1.000"));
-}
-
-#[test]
-fn a_reset_in_motion_stops_keeps_the_position_and_locks() {
-    let Some(mut machine) = Machine::boot() else {
-        return;
-    };
-    assert_eq!(machine.ask("G1X150F400"), ["ok"]);
-    machine.wait_for("Run");
-    machine.send(RESET);
-    let lines = machine.receive_until(|line| line.starts_with("[MSG:"));
-    let expected = [
-        "ALARM:3",
-        "Grbl 1.1h ['$' for help]",
-        "[MSG:'$H'|'$X' to unlock]",
-    ];
-    assert_eq!(lines, expected);
-    assert_eq!(machine.ask("G1X1"), ["error:9"]);
-    assert_eq!(machine.ask("$X").last().unwrap(), "ok");
-    // The lost part of the move is not made up: a move of nothing leaves the machine where it is.
-    assert_eq!(machine.ask("G91G0X0"), ["ok"]);
-    let before = machine.wait_for_idle();
-    assert_eq!(machine.ask("G91G1X1F100"), ["ok"]);
-    let after = machine.wait_for_idle();
-    assert!(
-        (x_mm(&after) - x_mm(&before) - 1.0).abs() < 0.0011,
-        "{before:?} {after:?}"
-    );
-}
-
-/// Machine position of X in a status report.
-fn x_mm(status: &Report) -> f64 {
-    status.machine_position().unwrap()[0]
 }
 
 #[test]
@@ -177,4 +138,17 @@ fn bad_input_gets_one_error_a_line_and_moves_nothing() {
     let status = machine.wait_for_idle();
     assert_eq!(status.xyz(), Some("0.000,0.000,0.000"));
     assert_eq!(machine.ask(""), ["ok"]);
+}
+
+#[test]
+fn flash_that_is_written_full_keeps_the_newest() {
+    let Some(mut machine) = Machine::boot() else {
+        return;
+    };
+    for number in 1..=300 {
+        assert_eq!(machine.ask(&format!("$110={number}")), ["ok"]);
+    }
+    machine.memory.reset_chip();
+    machine.wait_for_welcome();
+    assert!(machine.ask("$$").contains(&"$110=300.000".to_owned()));
 }

@@ -17,4 +17,3 @@ mod preemption;
 mod priorities;
 mod proven;
 mod sender;
-mod states;

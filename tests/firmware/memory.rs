@@ -37,22 +37,8 @@ static COUNT: AtomicU32 = AtomicU32::new(0);
 pub(crate) struct Switched {
     /// Bit 0 spindle, 1 counter-clockwise, 2 flood, 3 mist, 4 drivers.
     pub(crate) bits: u32,
-    /// Now.
-    pub(crate) duty: u32,
-    /// The highest so far.
+    /// The highest duty since power-up.
     pub(crate) highest_duty: u32,
-}
-
-impl Switched {
-    /// 1 if flood is on, otherwise 0.
-    pub(crate) const fn flood(self) -> u32 {
-        self.bits >> 2 & 1
-    }
-
-    /// 1 if the drivers are on, otherwise 0.
-    pub(crate) const fn drivers(self) -> u32 {
-        self.bits >> 4
-    }
 }
 
 /// The memory of one emulated board.
@@ -121,17 +107,8 @@ impl Memory {
 
     /// The switched outputs.
     pub(crate) fn switched(&self) -> Switched {
-        let [bits, duty, highest_duty] = self.read(self.figures + 4 * SWITCHED);
-        Switched {
-            bits,
-            duty,
-            highest_duty,
-        }
-    }
-
-    /// Makes the present duty the highest so far.
-    pub(crate) fn forget_duty(&self) {
-        self.write(self.figures + 4 * (SWITCHED + 2), 0);
+        let [bits, _, highest_duty] = self.read(self.figures + 4 * SWITCHED);
+        Switched { bits, highest_duty }
     }
 
     /// Closes these contacts and opens all others that no axis closes.

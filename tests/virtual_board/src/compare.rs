@@ -209,16 +209,12 @@ fn pwm_fault(output: PwmOutput, clock_hz: f64, mut at: impl FnMut(u64) -> u64) -
     is_on.then(|| format!("the PWM of TIM{timer} is on"))
 }
 
-/// Whether a board has a PWM that is never high.
-pub(crate) fn is_pwm_off(bench: &Bench, machine: &mut Machine) -> bool {
-    let pwm = bench.wiring().ok().and_then(|wiring| wiring.pwm);
-    pwm.is_some_and(|(_, pwm)| {
-        let channel = u64::from(pwm.channel) - 1;
-        machine
-            .chip
-            .word(u64::from(pwm.base()) + CCR1 + 4 * channel)
-            == 0
-    })
+/// Whether the PWM of a board that has one is high for a part of the time.
+pub(crate) fn pwm_is_high(bench: &Bench, machine: &mut Machine) -> Option<bool> {
+    let (_, pwm) = bench.wiring().ok()?.pwm?;
+    let channel = u64::from(pwm.channel) - 1;
+    let compared = u64::from(pwm.base()) + CCR1 + 4 * channel;
+    Some(machine.chip.word(compared) != 0)
 }
 
 /// The lines of the inputs that interrupt: their ports, and both edges.

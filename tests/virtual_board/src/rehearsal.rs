@@ -9,6 +9,8 @@ use anyhow::{Context as _, Result, ensure};
 use board_data::Input;
 use rigless::image::Image;
 
+mod states;
+
 use crate::{
     bench::Bench,
     bootloader::State,
@@ -209,6 +211,7 @@ fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
         script.extend(start(bench.axes));
         script.push(Act::Want(Wanted::Erased(2)));
     }
+    script.extend(states::script(&wiring, right));
     script.push(Act::Part("states of bootloaders"));
     for (number, (name, _)) in STATES.into_iter().enumerate() {
         if number == 0 || !is_short {
@@ -304,10 +307,20 @@ fn settings_and_resets() -> Vec<Act> {
         Act::line("G90G1X0F600"),
         Act::State("Idle"),
         Act::Want(Wanted::Position),
+        Act::line("G10L2P1X5"),
+        Act::line("$N0=G20"),
+        Act::line("$I=shop 7"),
         Act::Reset,
         Act::Await("Grbl "),
+        Act::Await(">G20:ok"),
         Act::line("$$"),
         want_lines("$120=200.000", 2),
+        Act::line("$I"),
+        want_lines("[VER:1.1h.20", 2),
+        Act::line("$#"),
+        want_lines("[G54:5.000,", 1),
+        Act::line("G21G10L2P1X0"),
+        Act::line("$N0="),
         Act::State("Idle"),
     ]
 }

@@ -225,6 +225,7 @@ impl Run {
                     let report = line.strip_prefix('<');
                     report.is_some_and(|report| report.starts_with(state))
                 }
+                Some((Act::Field(field), _)) => line.starts_with('<') && line.contains(field),
                 _ => false,
             };
             if self.bench.shows_lines {
@@ -309,7 +310,7 @@ impl Run {
             }
             Act::Remember => self.remembered = self.settings_listed(),
             Act::Want(wanted) => self.compare(wanted, session),
-            Act::Await(_) | Act::State(_) | Act::Rest(_) => {}
+            Act::Await(_) | Act::State(_) | Act::Field(_) | Act::Rest(_) => {}
         }
         self.current = act.is_awaited().then_some((act, now));
     }
@@ -419,7 +420,7 @@ impl Run {
         let waited_ms = (self.now.0 - since.0) / MS;
         let is_over = match act {
             Act::Rest(ms) => waited_ms >= *ms,
-            Act::State(_) if self.now >= self.poll_at => {
+            Act::State(_) | Act::Field(_) if self.now >= self.poll_at => {
                 self.poll_at = VirtualNanos(self.now.0 + POLL_MS * MS);
                 sender(session).outgoing.push_back(b'?');
                 false

@@ -26,6 +26,8 @@ pub(crate) enum Act {
     Await(&'static str),
     /// Reports are asked for until one has this state.
     State(&'static str),
+    /// Reports are asked for until one has this in it.
+    Field(&'static str),
     /// Nothing is done for some ms.
     Rest(u64),
     /// A contact closes.
@@ -119,10 +121,14 @@ pub(crate) enum Wanted {
     Position,
     /// An output was active.
     Active(&'static str),
+    /// It is not.
+    Off(&'static str),
     /// It was not when the chip was reset last, nor is it now.
     Inactive(&'static str),
     /// The share of time for which the PWM is high is more than none.
     PwmOn,
+    /// It is none.
+    PwmOff,
     /// The steps are those of a file of step events.
     Steps(PathBuf),
 }
@@ -144,6 +150,7 @@ impl Act {
                 | Self::Hang
                 | Self::Await(_)
                 | Self::State(_)
+                | Self::Field(_)
                 | Self::Rest(_)
         )
     }
@@ -152,7 +159,7 @@ impl Act {
     pub(crate) fn limit_ms(&self) -> u64 {
         match self {
             Self::Stream(_) => 900_000,
-            Self::State(_) => 30_000,
+            Self::State(_) | Self::Field(_) => 30_000,
             Self::Rest(ms) => ms + 1000,
             _ => 2_000,
         }
@@ -166,6 +173,7 @@ impl Act {
             Self::Stream(lines) => format!("the answer to one of {} lines", lines.len()),
             Self::Await(line) => format!("{line:?}"),
             Self::State(state) => format!("the state {state}"),
+            Self::Field(field) => format!("a report with {field}"),
             Self::Hang => "the watchdog's reset".into(),
             other => format!("the end of {other:?}"),
         }

@@ -30,6 +30,12 @@ impl Run {
                 let was_active = switchings.any(|(_, of, is_active)| of == name && *is_active);
                 (!was_active).then(|| format!("{name} is not switched on"))
             }
+            Wanted::Off(name) => {
+                let switchings = self.plant.switchings[self.marks.switchings..].iter();
+                let last = switchings.rev().find(|(_, of, _)| of == name);
+                let is_on = last.is_none_or(|(_, _, is_active)| *is_active);
+                is_on.then(|| format!("{name} is not switched off"))
+            }
             Wanted::Moved(count) => {
                 self.plant
                     .not_moved(self.marks.steps, self.marks.energised, *count)
@@ -43,8 +49,12 @@ impl Run {
                 let steps = &self.plant.steps[self.marks.steps..];
                 job::difference(steps, events).unwrap_or_else(|error| Some(format!("{error:#}")))
             }
-            Wanted::PwmOn => compare::is_pwm_off(&self.bench, session.board_mut())
+            Wanted::PwmOn => compare::pwm_is_high(&self.bench, session.board_mut())
+                .is_some_and(|is_high| !is_high)
                 .then(|| "the PWM is off while the spindle is on".into()),
+            Wanted::PwmOff => compare::pwm_is_high(&self.bench, session.board_mut())
+                .is_some_and(|is_high| is_high)
+                .then(|| "the PWM is on while nothing moves".into()),
             Wanted::Cut => {
                 let is_cut = session.board_mut().chip.flash.is_cut || self.plant.is_cut();
                 (!is_cut).then(|| "the supply is not cut: less is stored than before".into())
