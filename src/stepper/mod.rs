@@ -3,8 +3,8 @@
 //! `prepare` owns the [`Generator`], which makes [`StepEvent`]s of each [`Segment`]:
 //!
 //! ```text
-//! segment ─▶ step_times ─▶ method ─┬─────▶ direct ─────┬─▶ ring ─▶ step interrupt
-//!               per axis           └─▶ slots ─▶ drain ─┘
+//! segment ─▶ step_times ─▶ placement ─┬─────▶ direct ─────┬─▶ ring ─▶ step interrupt
+//!               per axis              └─▶ slots ─▶ drain ─┘
 //! ```
 //!
 //! The step interrupt reads the events with [`EventReader`] and sets pins by them: an event is one
@@ -15,13 +15,12 @@ mod event;
 mod generator;
 mod integer_arc;
 mod jitter;
-mod method;
 mod phases;
+mod placement;
 mod position;
 mod ring;
 mod segment;
 mod segment_ring;
-mod slots;
 #[cfg_attr(not(arc_machine), path = "no_step_arc.rs")]
 mod step_arc;
 mod step_times;

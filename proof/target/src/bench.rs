@@ -56,10 +56,9 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
     /// Steps of all axes per second that no workload exceeds.
     const MOST_HZ: u32 = 500_000;
     /// Where the times of the steps are computed.
-    const STEP_TIMES: [&str; 3] = [
+    const STEP_TIMES: [&str; 2] = [
         "leadscrew::stepper::generator::",
-        "leadscrew::stepper::method::",
-        "leadscrew::stepper::slots::",
+        "leadscrew::stepper::placement::",
     ];
     /// What makes a change of the state, and commands, of a line without blanks.
     const PARSE: [&str; 2] = ["leadscrew::gcode::", "leadscrew::decimal::"];

@@ -47,7 +47,7 @@ pub(super) fn report() -> Report {
             formulas: [("task.step.period".to_owned(), "event_spacing".to_owned())].into(),
             claim: "Two step events are a slot apart.".into(),
             known: "held by the code, by the argument there".into(),
-            by: vec!["src/stepper/slots.rs".into()],
+            by: vec!["src/stepper/placement.rs".into()],
         }],
         ..Report::default()
     }
