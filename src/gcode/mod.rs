@@ -8,7 +8,6 @@ mod error;
 pub mod interpreter;
 mod modal;
 mod parsed_line;
-mod plain_prefix;
 pub mod reprap;
 mod word;
 mod word_reader;
@@ -23,7 +22,6 @@ use parsed_line::tool_number;
 pub use parsed_line::{
     AxisCommand, NonModal, ParsedLine, StoredPosition, SwitchedOverride, ToolCommand,
 };
-use plain_prefix::MAX_LINE_NUMBER;
-pub use plain_prefix::{PlainPrefix, Refusal};
 pub use word::{CodeNumber, Word, Words};
-pub use word_reader::{Boundary, WordReader};
+use word_reader::MAX_LINE_NUMBER;
+pub use word_reader::{PlainPrefix, Refusal, WordReader};

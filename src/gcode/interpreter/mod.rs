@@ -38,7 +38,7 @@ pub use tool_change::Interrupted;
 
 use heapless::Vec;
 
-use super::{FeedMode, LineError, Modal, PlainPrefix, Refusal, StoredPosition, Units};
+use super::{FeedMode, LineError, Modal, PlainPrefix, StoredPosition, Units};
 use crate::{
     axis::Axes,
     model::{Command, Coolant, Spindle},
@@ -237,25 +237,6 @@ impl Interpreter {
     /// Executes a line that was checked against the present state. `outcome` is then that of the line.
     pub fn commit(&mut self, checked: &Checked, outcome: &mut Outcome) {
         commit::commit(self, checked, outcome);
-    }
-
-    /// Checks and executes a plain line: a straight move in the modes before it. `checked` and
-    /// `outcome` are then those of [`Self::check`] and [`Self::commit`]. Blanks, comments and lower
-    /// case are allowed between words. The bytes come in two parts. Returns the number of bytes after
-    /// the end of the line.
-    ///
-    /// # Errors
-    /// [`Refusal`] for any other line, and for one with an error: nothing has changed then, and
-    /// `prefix` has the plain words that the line begins with, for [`Self::check_after`].
-    pub fn execute_plain<I: ExactSizeIterator<Item = u8> + Clone>(
-        &mut self,
-        bytes: [I; 2],
-        settings: &Settings,
-        prefix: &mut PlainPrefix,
-        checked: &mut Checked,
-        outcome: &mut Outcome,
-    ) -> Result<usize, Refusal> {
-        plain::execute(self, bytes, settings, prefix, checked, outcome)
     }
 
     /// Takes the next command of a line that drills; `None` after the last.

@@ -17,59 +17,68 @@ use crate::{
     units::Nm,
 };
 
-/// Executes a plain line, and returns the number of bytes after it. Nothing has changed after a refusal.
-#[inline(never)]
-pub(super) fn execute<I: ExactSizeIterator<Item = u8> + Clone>(
-    state: &mut Interpreter,
-    bytes: [I; 2],
-    settings: &Settings,
-    prefix: &mut PlainPrefix,
-    checked: &mut Checked,
-    outcome: &mut Outcome,
-) -> Result<usize, Refusal> {
-    let modal = &state.modal;
-    if !state.has_plain_modes || settings.laser {
-        prefix.words = Words::NONE;
-        return Err(Refusal::NotPlain);
-    }
-    prefix.motion = modal.motion;
-    prefix.feed = modal.feed;
-    prefix.line = 0;
-    let remaining = prefix.read(bytes)?;
-    let is_feed = FEEDS_MM_MIN.contains(&prefix.feed);
-    let feed_rate = match prefix.motion {
-        MotionMode::Rapid if is_feed || prefix.feed == 0.0 => FeedRate::Rapid,
-        MotionMode::Linear if is_feed => FeedRate::Feed(prefix.feed),
-        MotionMode::Rapid
-        | MotionMode::Linear
-        | MotionMode::Arc(_)
-        | MotionMode::Probe(_)
-        | MotionMode::Cycle(_)
-        | MotionMode::Cancelled => {
+impl Interpreter {
+    /// Checks and executes a plain line: a straight move in the modes before it. `checked` and
+    /// `outcome` are then those of [`Self::check`] and [`Self::commit`]. Blanks, comments and lower
+    /// case are allowed between words. The bytes come in two parts. Returns the number of bytes after
+    /// the end of the line.
+    ///
+    /// # Errors
+    /// [`Refusal`] for any other line, and for one with an error: nothing has changed then, and
+    /// `prefix` has the plain words that the line begins with, for [`Self::check_after`].
+    #[inline(never)]
+    pub fn execute_plain<I: ExactSizeIterator<Item = u8> + Clone>(
+        &mut self,
+        bytes: [I; 2],
+        settings: &Settings,
+        prefix: &mut PlainPrefix,
+        checked: &mut Checked,
+        outcome: &mut Outcome,
+    ) -> Result<usize, Refusal> {
+        let modal = &self.modal;
+        if !self.has_plain_modes || settings.laser {
+            prefix.words = Words::NONE;
             return Err(Refusal::NotPlain);
         }
-    };
-    let target = target(state, prefix).ok_or(Refusal::NotPlain)?;
-    if !prefix.words.contains(Word::AXES) || !reach::is_within_min_reach(&target.position) {
-        return Err(Refusal::NotPlain);
+        prefix.motion = modal.motion;
+        prefix.feed = modal.feed;
+        prefix.line = 0;
+        let remaining = prefix.read(bytes)?;
+        let is_feed = FEEDS_MM_MIN.contains(&prefix.feed);
+        let feed_rate = match prefix.motion {
+            MotionMode::Rapid if is_feed || prefix.feed == 0.0 => FeedRate::Rapid,
+            MotionMode::Linear if is_feed => FeedRate::Feed(prefix.feed),
+            MotionMode::Rapid
+            | MotionMode::Linear
+            | MotionMode::Arc(_)
+            | MotionMode::Probe(_)
+            | MotionMode::Cycle(_)
+            | MotionMode::Cancelled => {
+                return Err(Refusal::NotPlain);
+            }
+        };
+        let target = target(self, prefix).ok_or(Refusal::NotPlain)?;
+        if !prefix.words.contains(Word::AXES) || !reach::is_within_min_reach(&target.position) {
+            return Err(Refusal::NotPlain);
+        }
+        self.modal.motion = prefix.motion;
+        self.modal.feed = prefix.feed;
+        self.position = target.position;
+        self.single_mm = target.single_mm;
+        // All that may be asked of the line afterwards.
+        checked.kind = LineKind::Program;
+        checked.action = Action::None;
+        checked.flow = Flow::Run;
+        checked.changes_state = false;
+        checked.movement = Move::Straight;
+        outcome.clear();
+        outcome.add(Command::Line {
+            target,
+            feed_rate,
+            line: prefix.line,
+        });
+        Ok(remaining)
     }
-    state.modal.motion = prefix.motion;
-    state.modal.feed = prefix.feed;
-    state.position = target.position;
-    state.single_mm = target.single_mm;
-    // All that may be asked of the line afterwards.
-    checked.kind = LineKind::Program;
-    checked.action = Action::None;
-    checked.flow = Flow::Run;
-    checked.changes_state = false;
-    checked.movement = Move::Straight;
-    outcome.clear();
-    outcome.add(Command::Line {
-        target,
-        feed_rate,
-        line: prefix.line,
-    });
-    Ok(remaining)
 }
 
 /// The target of the line; `None` where a coordinate has too many decimals.
