@@ -256,7 +256,10 @@ mod app {
             let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
             let run = |serial: &mut SerialSession| {
-                serial.run(&snapshot, requests, inputs, segments, entries, storage)
+                let store = |change, erasing, stored: &_, tools: &_| {
+                    storage.write(change, erasing, stored, tools)
+                };
+                serial.run(&snapshot, requests, inputs, segments, entries, store)
             };
             if cx.shared.serial.lock(run) == Progress::Again {
                 await_idle();

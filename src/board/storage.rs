@@ -131,7 +131,7 @@ impl Storage {
     pub(crate) fn receive_while_erasing(&mut self, _: IncomingWriter<'static>) {}
 
     /// Stores a change. At rest only: an erase may take 2 s.
-    pub(super) fn write(
+    pub(crate) fn write(
         &mut self,
         change: Change,
         #[cfg_attr(feature = "eeprom", expect(unused, reason = "an EEPROM is not erased"))]
