@@ -18,7 +18,7 @@ mod delays;
 mod job;
 mod publish;
 mod requests;
-mod segments;
+mod standstill;
 
 use heapless::spsc::Consumer;
 
@@ -77,7 +77,7 @@ impl Prepared {
 #[repr(C)]
 pub struct Motion<const ROOM: usize = BLOCKS> {
     control: Control,
-    handled: Handled,
+    handled: HandledRequests,
     queue: SegmentQueue,
     activity: Activity,
     faults: Faults,
@@ -131,7 +131,7 @@ enum Activity {
 
 /// The requests that have been acted on.
 #[derive(Debug)]
-struct Handled {
+struct HandledRequests {
     /// The newest reset.
     reset_count: u32,
     /// All requests, by their count.
@@ -181,7 +181,7 @@ impl<const ROOM: usize> Motion<ROOM> {
     const fn with_room() -> Self {
         Self {
             control: Control::IDLE,
-            handled: Handled {
+            handled: HandledRequests {
                 reset_count: 0,
                 requests: 0,
                 ticks: 0,

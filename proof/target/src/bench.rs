@@ -63,7 +63,10 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
     /// What makes a change of the state, and commands, of a line without blanks.
     const PARSE: [&str; 2] = ["leadscrew::gcode::", "leadscrew::decimal::"];
     /// What finds entry speeds, from the newest block back.
-    const PASS: [&str; 1] = ["leadscrew::motion::trapezoid::plan::"];
+    const PASS: [&str; 2] = [
+        "leadscrew::motion::trapezoid::plan_part",
+        "leadscrew::motion::trapezoid::backward_part",
+    ];
     let (board, _) = firmware::boards::emulated()?;
     let source = fs::read_to_string(cargo::root().join(APPLICATION))
         .with_context(|| format!("cannot read {APPLICATION}"))?;

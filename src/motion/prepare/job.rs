@@ -1,4 +1,4 @@
-//! The jobs of `prepare`, entries among them: a run does one, or makes a segment, and another run
+//! What a run of `prepare` does: it makes a segment, or does one job, entries among them. Another run
 //! follows while there is more to do.
 //!
 //! In order of precedence: what stops the machine; requests, but not again and again; a segment
@@ -11,9 +11,13 @@ use heapless::spsc::Consumer;
 use super::{Activity, Motion};
 use crate::{
     machine::{Ending, Event, Inputs},
-    model::{Notice, Requests, State, timing::QUEUED_AHEAD_TICKS},
+    model::{
+        Requests, State,
+        timing::{QUEUED_AHEAD_TICKS, SEGMENT_TICKS},
+    },
+    motion::executor::{Goal, NextSegment},
     path::{Entry, MoveKind, Work},
-    stepper::SegmentRing,
+    stepper::{EventWriter, Segment, SegmentRing},
     units::TICKS_PER_MS,
 };
 
@@ -45,6 +49,17 @@ pub(super) enum Job {
     FirstSegment,
     /// The state that follows from being at rest.
     Standstill,
+}
+
+/// What a segment is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum SegmentSource {
+    Homing,
+    Parking,
+    /// A dwell, with what is left of it, ticks.
+    Dwell(u64),
+    TakeUp,
+    Plan,
 }
 
 /// The state at the beginning of a run: each later change of it releases another run.
@@ -305,59 +320,13 @@ impl Motion {
         self.apply_state();
     }
 
-    /// Begins work other than a move.
-    #[inline(never)]
-    fn begin_work(&mut self, work: &Work, inputs: &Inputs) {
-        match work {
-            Work::Fault(alarm) => {
-                // Not one more block than is needed to stop.
-                self.faults.at_standstill = Some(*alarm);
-                self.transition(Event::FeedHold);
-            }
-            Work::Probe(block, probing) if self.begin_probe(block, *probing, inputs) => return,
-            Work::Home(axes) if self.begin_homing(*axes, inputs) => return,
-            Work::Move(_) | Work::TakeUp(_) | Work::Speed(_) | Work::Probe(..) | Work::Home(_) => {}
-            Work::Dwell(milliseconds) => {
-                let ticks = u64::from(*milliseconds) * u64::from(TICKS_PER_MS);
-                self.activity = Activity::Dwell(ticks);
-                return;
-            }
-            Work::Pause | Work::ToolPause => {
-                self.transition(Event::Pause);
-                if self.control.state == State::HoldComplete {
-                    self.activity = match work {
-                        Work::ToolPause => Activity::ToolPause,
-                        _ => Activity::Pause,
-                    };
-                    return;
-                }
-            }
-            Work::Spindle(spindle, rpm) => self.accessories.set_spindle(*spindle, *rpm),
-            Work::ReverseTap(spindle, rpm) => {
-                self.accessories.set_spindle(*spindle, *rpm);
-                self.skip_spindle_delay();
-            }
-            Work::Coolant(coolant) => self.accessories.set_coolant(*coolant),
-            Work::Overrides(switches) => self.switch_overrides(*switches),
-            Work::Drivers(are_on) => self.switch_drivers(*are_on),
-            Work::Unlock => self.transition(Event::Unlock),
-            Work::Check => self.transition(Event::Check),
-            Work::Sleep => self.sleep(),
-            Work::EndOverrides => self.reset_overrides(),
-            Work::Configure(settings) => {
-                self.configure(settings, inputs);
-                self.snap_to_steps();
-            }
+    /// Applies a new state at once, also in motion.
+    #[inline]
+    pub(super) fn apply_state(&mut self) {
+        if self.is_held() {
+            self.accessories.begin_hold();
         }
-        self.finish_entries(1);
-    }
-
-    fn sleep(&mut self) {
-        self.transition(Event::Sleep);
-        if self.control.state == State::Sleep {
-            self.published.notices.push(Notice::Sleeping);
-            self.disable_drivers();
-        }
+        self.begin_moves();
     }
 
     /// Leaves the idle state as soon as there is something to execute.
@@ -370,5 +339,169 @@ impl Motion {
             let is_jog = block.kind == MoveKind::Jog;
             self.transition(if is_jog { Event::Jog } else { Event::Move });
         }
+    }
+}
+
+/// Segments for the step interrupt.
+impl Motion {
+    /// Makes a segment and its events, or the events of the last one for which there was no room.
+    #[inline(never)]
+    pub(super) fn make_segment(
+        &mut self,
+        inputs: &Inputs,
+        segments: &SegmentRing,
+        events: &mut EventWriter<'_>,
+    ) {
+        if !self.generator.is_open() && !self.begin_segment(inputs, segments) {
+            return;
+        }
+        let is_done = self.generator.push_events(events);
+        self.queue.full = (!is_done).then(|| segments.played_start_ticks());
+    }
+
+    /// Begins a segment, or the standstill after the last one; returns false when there is neither.
+    #[inline]
+    fn begin_segment(&mut self, inputs: &Inputs, segments: &SegmentRing) -> bool {
+        self.queue.is_first_next = false;
+        let start = self.generator.clock_ticks();
+        self.age_handled(segments.played_start_ticks());
+        if self.next_segment(inputs) {
+            self.queue.standstill = None;
+            #[cfg(arc_machine)]
+            self.pass_step_arc();
+            self.generator.begin(&self.segment, segments);
+        } else if self.queue.standstill.is_none() {
+            self.queue.standstill = Some(start);
+            let power = self.accessories.power_at_rest();
+            self.generator.begin_standstill(power, segments);
+        } else {
+            return false;
+        }
+        self.queue.newest = start;
+        true
+    }
+
+    /// Passes on what the segment has of an arc in whole steps.
+    #[cfg(arc_machine)]
+    fn pass_step_arc(&mut self) {
+        let of_segment = &mut self.executor.step_arc;
+        if let Some(arc) = of_segment.entered.take() {
+            self.generator.enter_arc(&arc);
+        }
+        self.generator.set_arc_steps(of_segment.steps.take());
+    }
+
+    /// What the next segment is made of.
+    #[inline]
+    fn source(&self) -> SegmentSource {
+        if self.homing.is_active() {
+            SegmentSource::Homing
+        } else if self.parking.is_moving() {
+            SegmentSource::Parking
+        } else if let Activity::Dwell(ticks @ 1..) = self.activity
+            && self.executes()
+        {
+            SegmentSource::Dwell(ticks)
+        } else if self.takes_up_backlash() {
+            SegmentSource::TakeUp
+        } else {
+            SegmentSource::Plan
+        }
+    }
+
+    /// Whether there is a next segment.
+    #[inline]
+    pub(super) fn has_motion(&self) -> bool {
+        match self.source() {
+            SegmentSource::Homing | SegmentSource::Dwell(_) => true,
+            SegmentSource::Parking => self.parking.has_segment(self.control.ending),
+            SegmentSource::TakeUp => self.has_take_up_segment(),
+            SegmentSource::Plan => {
+                !self.plan.is_empty() && (self.executes() || self.executor.is_moving())
+            }
+        }
+    }
+
+    /// Whether the next segment follows the plan.
+    #[inline]
+    pub(super) fn follows_plan(&self) -> bool {
+        self.source() == SegmentSource::Plan && !self.plan.is_empty()
+    }
+
+    /// Whether something is to be executed of the path.
+    #[inline]
+    pub(super) const fn has_path(&self) -> bool {
+        !self.plan.is_empty() || self.takes_up_backlash()
+    }
+
+    pub(super) fn executes(&self) -> bool {
+        let is_touched = match &self.activity {
+            Activity::Probing(cycle) => cycle.is_stopping(),
+            Activity::Path
+            | Activity::TakeUp
+            | Activity::Dwell(_)
+            | Activity::Pause
+            | Activity::ToolPause
+            | Activity::Homing => false,
+        };
+        self.control.executes() && !is_touched
+    }
+
+    /// Makes the next sample of the reference.
+    #[inline(never)]
+    pub(super) fn sample_reference(&mut self) {
+        let leaving = self.average.leaving_sample();
+        let sample = self.plan.next_sample(!self.executes(), leaving);
+        self.average.push(sample, leaving);
+    }
+
+    /// Makes the next segment, in `Motion::segment`; returns false when there is none.
+    fn next_segment(&mut self, inputs: &Inputs) -> bool {
+        match self.source() {
+            SegmentSource::Homing => self.homing_segment(inputs),
+            SegmentSource::Parking => self.parking_segment(),
+            SegmentSource::Dwell(ticks) => self.dwell_segment(ticks),
+            SegmentSource::TakeUp => self.take_up_segment(),
+            SegmentSource::Plan => self.plan_segment(),
+        }
+    }
+
+    /// Makes the next segment of the plan.
+    #[inline]
+    fn plan_segment(&mut self) -> bool {
+        let goal = if self.executes() {
+            Goal::Run
+        } else {
+            Goal::Stop
+        };
+        let position = self.generator.position();
+        let (executor, average) = (&mut self.executor, &mut self.average);
+        let segment = &mut self.segment;
+        match (self.plan).next_segment(executor, average, position, goal, segment) {
+            NextSegment::Standstill => return false,
+            NextSegment::WithinBlock => {}
+            NextSegment::EndsBlock => {
+                if !self.is_probing() {
+                    self.finish_entries(1);
+                }
+            }
+        }
+        let (laser, part) = self.executor.laser();
+        self.accessories.begin_block(laser);
+        self.segment.power = self.accessories.power_in_motion(laser, part);
+        self.enable_drivers();
+        true
+    }
+
+    /// Makes the next segment of a dwell that has these ticks left.
+    #[inline(never)]
+    fn dwell_segment(&mut self, left: u64) -> bool {
+        let ticks = left.min(u64::from(SEGMENT_TICKS)) as u32;
+        self.activity = Activity::Dwell(left - u64::from(ticks));
+        self.segment = Segment {
+            power: self.accessories.power_at_rest(),
+            ..Segment::standstill(ticks, self.generator.position())
+        };
+        true
     }
 }

@@ -1,4 +1,4 @@
-//! The trapezoidal profile: a segment's length, duration and end speed.
+//! The trapezoidal profile: acceleration changes at once.
 //!
 //! ```text
 //!  speed      cruise at the programmed speed
@@ -9,29 +9,37 @@
 //!    entry                  exit
 //! ```
 //!
-//! The end speed of a segment is the greatest that the limits, the remaining braking distance, and
-//! the segments to come allow. It follows from the present speed and the remaining distance alone,
-//! so a feed hold, a new block or a changed limit needs nothing but the next segment.
+//! [`plan_part`] plans entry speeds from which each block can be braked in. A segment's length, duration
+//! and end speed follow from them: the end speed is the greatest that the limits, the remaining braking
+//! distance, and the segments to come allow. It follows from the present speed and the remaining distance
+//! alone, so a feed hold, a new block or a changed limit needs nothing but the next segment.
 //!
 //! Speeds to brake to are compared by their measure, see [`BlockGeometry::measure`].
 
+mod braking;
+
+use self::braking::Braking;
+use super::{
+    executor::{Executor, Goal, NextSegment, SegmentProfile},
+    kinematics::BlockGeometry,
+    limits::{
+        FIRST_SEGMENT_S, LONGEST_SEGMENT_S, MIN_DIVISOR_MM_S, MIN_SECTION_S, NOMINAL_SEGMENT_S,
+        SHORTEST_SEGMENT_S, SPEED_TOLERANCE, segment_share_s,
+    },
+    pass::Pass,
+    queue::{BLOCKS, BlockQueue},
+};
 use crate::{
     axis::Axes,
     math::{self, WHOLE_Q31},
     model::Laser,
-    motion::{
-        executor::{Executor, Goal, NextSegment, SegmentProfile},
-        kinematics::BlockGeometry,
-        limits::{
-            FIRST_SEGMENT_S, LONGEST_SEGMENT_S, MIN_DIVISOR_MM_S, MIN_SECTION_S, NOMINAL_SEGMENT_S,
-            SHORTEST_SEGMENT_S, SPEED_TOLERANCE, segment_share_s,
-        },
-        queue::BlockQueue,
-    },
     path::{Block, Curve},
     stepper::Segment,
     units::FineSteps,
 };
+
+/// Blocks of one part of a backward pass.
+const BLOCKS_PER_PART: usize = 64;
 
 /// Least acceleration along an arc near its speed limit, where none is left, mm/s². For a block with
 /// less than ten thousand times that, [`MIN_ACCELERATION_SHARE`] of the block's own.
@@ -43,6 +51,100 @@ const FAR_FROM_END_S: f32 = 1.01 * (NOMINAL_SEGMENT_S + LONGEST_SEGMENT_S);
 /// Factor on the braking distance that surely covers rounding, so that a far segment is the same as
 /// one by [`Executor::braking_profile`] (an assertion of debug builds compares them).
 const BRAKING_RESERVE: f32 = 1.001;
+
+/// What is planned of a block.
+#[derive(Debug)]
+pub(super) struct BrakingPlan {
+    /// Planned squared entry speed, (mm/s)².
+    entry_sqr: f32,
+    /// What braking in the block changes.
+    braking: Braking,
+}
+
+impl BrakingPlan {
+    pub(super) const NONE: Self = Self {
+        entry_sqr: 0.0,
+        braking: Braking::NONE,
+    };
+
+    /// Of a new block: no entry speed is as low, so that the pass changes it.
+    pub(super) fn new(block: &Block) -> Self {
+        Self {
+            entry_sqr: -1.0,
+            braking: Braking::new(block),
+        }
+    }
+}
+
+impl BlockQueue {
+    /// The squared speed at which the block in execution may be left: 0 when no other follows.
+    pub(super) fn exit_sqr(&self) -> f32 {
+        if self.len() > 1 {
+            self.get(1).trapezoid.entry_sqr
+        } else {
+            0.0
+        }
+    }
+}
+
+/// Plans a part of the backward pass: entry speeds from the block `from` on backwards, the newest is
+/// 1, which may be left at `exit_sqr`. With `is_new` an unchanged entry does not end the pass.
+pub(super) fn plan_part(
+    queue: &mut BlockQueue,
+    pass: &mut Pass,
+    from: usize,
+    exit_sqr: f32,
+    is_new: bool,
+) {
+    if is_new {
+        backward_part::<true>(queue, pass, from, exit_sqr);
+    } else {
+        backward_part::<false>(queue, pass, from, exit_sqr);
+    }
+}
+
+#[inline(never)]
+fn backward_part<const IS_NEW: bool>(
+    queue: &mut BlockQueue,
+    pass: &mut Pass,
+    from: usize,
+    mut exit_sqr: f32,
+) {
+    *pass = Pass::Done;
+    // A part ends where the ring does, so that its blocks are in a row; and before the block in
+    // execution, whose entry is history.
+    let newest = (queue.first + queue.count).wrapping_sub(from) & (BLOCKS - 1);
+    let remaining = queue.count.saturating_sub(from);
+    let blocks = remaining.min(BLOCKS_PER_PART).min(newest + 1);
+    let row = queue.ring.get_mut(newest + 1 - blocks..=newest);
+    // wcet-bound: 64
+    for queued in row.unwrap_or_default().iter_mut().rev() {
+        let plan = &mut queued.trapezoid;
+        let braked_sqr = match &queued.block.curve {
+            None => plan.braking.line_entry_for(exit_sqr),
+            Some(curve) => {
+                core::hint::cold_path();
+                if plan.entry_sqr == queued.limit_sqr && !IS_NEW {
+                    // It cannot rise; a root could round it down.
+                    return;
+                }
+                plan.braking.curve_entry_for(exit_sqr, curve)
+            }
+        };
+        exit_sqr = math::min(queued.limit_sqr, braked_sqr);
+        if exit_sqr == plan.entry_sqr && !IS_NEW {
+            return;
+        }
+        plan.entry_sqr = exit_sqr;
+    }
+    if blocks < remaining {
+        *pass = Pass::EntrySpeeds {
+            back: from + blocks,
+            exit_sqr,
+            is_new: IS_NEW,
+        };
+    }
+}
 
 /// The remainder of a section.
 #[derive(Debug, Clone, Copy)]
@@ -59,7 +161,7 @@ impl Executor {
     /// Makes the next segment, from `position`. After the last segment of a block the caller removes
     /// it from the queue.
     #[inline]
-    pub(in crate::motion) fn next_trapezoid(
+    pub(super) fn next_trapezoid(
         &mut self,
         queue: &BlockQueue,
         position: &Axes<FineSteps>,
@@ -88,7 +190,7 @@ impl Executor {
     }
 
     /// Makes the next segment of a line at whose end the machine is at standstill, from `position`.
-    pub(in crate::motion) fn next_single_line(
+    pub(super) fn next_single_line(
         &mut self,
         line: &Block,
         position: &Axes<FineSteps>,
