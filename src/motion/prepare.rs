@@ -25,7 +25,7 @@ use heapless::spsc::Consumer;
 use self::{
     backlash::{Backlash, TakeUpMove},
     delays::Delays,
-    job::{Job, RunConditions},
+    job::{Job, NextRun, RunConditions},
     publish::Published,
 };
 use super::{
@@ -352,13 +352,16 @@ impl Motion {
         snapshot: &mut Snapshot,
     ) -> Prepared {
         let conditions = self.conditions(requests, segments);
-        if !self.is_segment_due(conditions, segments) {
-            return self.run_job(requests, inputs, segments, entries, events, snapshot);
-        }
-        if self.needs_sample() {
-            // Nothing that is published changes, and the segment that needs the sample follows.
-            self.sample_reference();
-            return Prepared::RUN_AGAIN;
+        match self.next_run(conditions, segments) {
+            NextRun::Segment => {}
+            NextRun::Sample => {
+                // Nothing that is published changes, and the segment that needs the sample follows.
+                self.sample_reference();
+                return Prepared::RUN_AGAIN;
+            }
+            NextRun::Job => {
+                return self.run_job(requests, inputs, segments, entries, events, snapshot);
+            }
         }
         self.make_segment(inputs, segments, events);
         let is_still = self.is_at_standstill(conditions);
@@ -366,9 +369,11 @@ impl Motion {
             self.arm_hard_limits(inputs, is_still);
         }
         let changed = self.publish_motion(is_still, segments, snapshot);
+        // What another segment would be made of is not asked here: the run that finds nothing starts the steps.
         let run_again = is_still
-            || self.may_need_segment(conditions, segments)
-            || self.has_more(conditions, inputs, entries);
+            || (self.is_in_motion() || !conditions.is_running)
+                && self.has_queue_room(conditions, segments)
+            || self.has_other_job(conditions, inputs, entries);
         Prepared {
             wake_interpret: changed
                 || requests.awaits(Awaited::SEGMENTS)
@@ -440,7 +445,7 @@ impl Motion {
             Job::Plan | Job::Dequeue | Job::Standstill => {
                 is_still && !is_settled
                     || self.needs_segment(conditions, segments)
-                    || self.has_more(conditions, inputs, entries)
+                    || self.has_other_job(conditions, inputs, entries)
             }
         };
         Prepared {

@@ -5,6 +5,9 @@
 //! that is due; positions to be latched; the plan; entries; a first segment; standstill. Whatever
 //! comes meanwhile counts in the next run. At standstill no segment is due: [`Job::FirstSegment`]
 //! has the next run make one.
+//!
+//! A run begins with one decision, [`NextRun`]. At its end `needs_segment` and `has_other_job` say whether
+//! another run follows at once.
 
 use heapless::spsc::Consumer;
 
@@ -25,6 +28,16 @@ use crate::{
 /// how much a flood of bytes delays segments (`task.prepare.mode.requests` in schedule.toml). Other
 /// requests wait until no segment is due.
 const REQUEST_INTERVAL_TICKS: u32 = 5 * TICKS_PER_MS;
+
+/// What a run does.
+pub(super) enum NextRun {
+    /// A segment, or the events of the last one.
+    Segment,
+    /// The sample of the reference that the next segment needs.
+    Sample,
+    /// The next [`Job`]: no segment is due.
+    Job,
+}
 
 /// The work of a run that makes neither a segment nor a sample of the reference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,19 +98,24 @@ impl Motion {
         }
     }
 
-    /// Whether a segment is due, before any job.
+    /// Returns what the run does.
     #[inline]
-    pub(super) fn is_segment_due(&self, conditions: RunConditions, segments: &SegmentRing) -> bool {
+    pub(super) fn next_run(&self, conditions: RunConditions, segments: &SegmentRing) -> NextRun {
         let precedes = if conditions.is_running || self.generator.is_open() {
             !conditions.has_requests || self.has_just_handled(conditions.played)
         } else {
             self.queue.is_first_next && !conditions.has_requests
         };
         let is_stopped = segments.has_underrun() || !conditions.is_running && segments.is_halted();
-        precedes
-            && !is_stopped
-            && (self.is_in_motion() || self.queue.is_first_next)
-            && self.has_room(conditions, segments)
+        let moves = self.is_in_motion() || self.queue.is_first_next;
+        let is_due = precedes && !is_stopped && moves && self.has_queue_room(conditions, segments);
+        if !is_due {
+            NextRun::Job
+        } else if !self.generator.is_open() && self.average.needs_sample() && self.follows_plan() {
+            NextRun::Sample
+        } else {
+            NextRun::Segment
+        }
     }
 
     /// Returns the job of a run in which no segment is due.
@@ -155,13 +173,11 @@ impl Motion {
         }
     }
 
-    /// Whether there is another job, other than a first segment and standstill.
+    /// Whether another job follows a run, other than a first segment and standstill. Most runs ask, and a
+    /// call would be a third of the cost.
     #[inline(always)]
-    #[expect(
-        clippy::inline_always,
-        reason = "most runs call it, and the call costs a third of it"
-    )]
-    pub(super) fn has_more(
+    #[expect(clippy::inline_always, reason = "for most runs")]
+    pub(super) fn has_other_job(
         &self,
         conditions: RunConditions,
         inputs: &Inputs,
@@ -175,7 +191,7 @@ impl Motion {
 
     /// Whether there is an entry that can be dequeued now.
     #[inline(always)]
-    #[expect(clippy::inline_always, reason = "as for `has_more`")]
+    #[expect(clippy::inline_always, reason = "as for `has_other_job`")]
     fn can_dequeue_next(&self, conditions: RunConditions, entries: &Consumer<'_, Entry>) -> bool {
         let Some(entry) = entries.peek() else {
             return false;
@@ -184,15 +200,9 @@ impl Motion {
             && self.can_dequeue(entry, self.is_at_standstill(conditions))
     }
 
-    /// Whether the next segment needs another sample of the reference first.
+    /// Whether the queues have room for a segment, if there is motion for it.
     #[inline]
-    pub(super) fn needs_sample(&self) -> bool {
-        !self.generator.is_open() && self.average.needs_sample() && self.follows_plan()
-    }
-
-    /// Whether a segment can be made now, if there is motion for it.
-    #[inline]
-    pub(super) fn has_room(&self, conditions: RunConditions, segments: &SegmentRing) -> bool {
+    pub(super) fn has_queue_room(&self, conditions: RunConditions, segments: &SegmentRing) -> bool {
         if self.generator.is_open() {
             return self.queue.full != Some(conditions.played);
         }
@@ -202,21 +212,12 @@ impl Motion {
         !is_ahead && segments.has_room()
     }
 
-    /// Whether another segment may have to be made after one: not after a standstill that is still to
-    /// be played, so that the next motion begins with as much ahead as any start has.
-    #[inline]
-    pub(super) fn may_need_segment(
-        &self,
-        conditions: RunConditions,
-        segments: &SegmentRing,
-    ) -> bool {
-        (self.is_in_motion() || !conditions.is_running) && self.has_room(conditions, segments)
-    }
-
-    /// Whether a segment can be made now, and there is motion for it.
+    /// Whether a segment can follow a job, and there is something to make it of. None follows a standstill
+    /// that is still to be played, so that the next motion begins with as much ahead as any start has.
     #[inline]
     pub(super) fn needs_segment(&self, conditions: RunConditions, segments: &SegmentRing) -> bool {
-        self.may_need_segment(conditions, segments) && (self.is_in_motion() || self.has_motion())
+        self.has_queue_room(conditions, segments)
+            && (self.is_in_motion() || !conditions.is_running && self.has_source())
     }
 
     /// Whether the last segment is not finished, or is none of standstill.
@@ -409,9 +410,9 @@ impl Motion {
         }
     }
 
-    /// Whether there is a next segment.
+    /// Whether something is left that a segment can be made of.
     #[inline]
-    pub(super) fn has_motion(&self) -> bool {
+    fn has_source(&self) -> bool {
         match self.source() {
             SegmentSource::Homing | SegmentSource::Dwell(_) => true,
             SegmentSource::Parking => self.parking.has_segment(self.control.ending),
