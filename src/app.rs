@@ -12,10 +12,10 @@
 //! | `report`        | async, dispatcher | 1        | `wake`                                   |
 //! | `idle`          |                   | 0        | runs while no other task does            |
 //!
-//! A pended task binds the vector of a peripheral that the machine does not use, or of a timer that
-//! also releases it: TIM4 runs only in firmware with the RepRap dialect. Pending a vector while its task runs makes the task run again, so no release is
-//! lost. Tasks above priority 1 use no waker, which calls through a pointer; they pend `wake`, which
-//! wakes `interpret` and `report`.
+//! A pended task binds the vector of an unused peripheral, or of a timer that also releases the task: TIM4 runs only in
+//! firmware with the RepRap dialect. Pending a vector while its task runs makes the task run again, so no release is
+//! lost. Tasks above priority 1 use no waker, which calls through a pointer; they pend `wake`, which wakes `interpret`
+//! and `report`.
 //!
 //! Tasks only move values between queues, peripherals and the state machines of the library. Data
 //! goes through queues with one writer and one reader. Tasks with deadlines lock two resources: the
@@ -222,7 +222,7 @@ mod app {
             token: cx.shared.step_timer,
             event_tap: events.tap(),
         };
-        // This task has the highest priority of those that lock the snapshot: none waits for it.
+        // This task has the highest priority of all that lock the snapshot: no task waits for this lock.
         let snapshot = &mut cx.shared.snapshot;
         tasks::prepare(motion, entries, events, shared, snapshot, steps, actuators);
     }
@@ -240,8 +240,7 @@ mod app {
         }
     }
 
-    /// Executes received lines, one run each time that it is released: `idle` feeds the watchdog between two of
-    /// them.
+    /// Executes received lines, one run for each release: `idle` feeds the watchdog between two runs.
     #[task(
         priority = 1, local = [entries_in, storage, flash_erase_in],
         shared = [snapshot, serial, interpret_waker, &requests, &inputs, &segments]

@@ -118,7 +118,7 @@ impl<I: Iterator<Item = u8>> Scanner<I> {
         self.following
     }
 
-    /// The scanner with more bytes after those that it has.
+    /// The scanner with more bytes after its own.
     #[must_use]
     pub fn chain<J: Iterator<Item = u8>>(self, more: J) -> Scanner<Chain<I, J>> {
         let is_at_end = self.is_at_end();
@@ -323,8 +323,7 @@ impl Decimal {
         self.scaled(1, 6)
     }
 
-    /// The value as `to_whole` rounds it, but 1 where it is above 0 and would become 0: a time that is short is not
-    /// left out.
+    /// The value as rounded by `to_whole`, but 1 where a value above 0 would become 0: a short time is not left out.
     #[must_use]
     pub fn at_least_one(self, to_whole: fn(Self) -> i64) -> i64 {
         let whole = to_whole(self);

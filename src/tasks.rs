@@ -6,15 +6,15 @@
 //!                                  inputs ─────────┘   └── segment_start
 //! ```
 //!
-//! [`Platform`] and [`PreparePlatform`] are what the tasks need of the machine that they run on,
-//! [`StepPlatform`] is what [`step`] needs. [`StepOutput`] plays step events for the other tasks.
+//! [`Platform`] and [`PreparePlatform`] have the functions of the machine that the tasks run on, [`StepPlatform`] the
+//! functions for [`step`]. [`StepOutput`] plays step events for the other tasks.
 //!
 //! # Cost
 //!
-//! Everything is generic and inlined into the interrupt that calls it: the machine code is that of
-//! a body written for the chip. [`step`] looks the pins up and releases `segment_start` without a
-//! branch. [`serial_rx`] is also inlined into code in RAM. [`serial_tx`] releases a task twice at
-//! most while the queue drains: a release costs more than the sending of a byte.
+//! Everything is generic and inlined into the interrupt: the machine code is the same as of a body written for the
+//! chip. [`step`] looks the pins up and releases `segment_start` without a branch. [`serial_rx`] is also inlined into
+//! code in RAM. [`serial_tx`] releases a task twice at most while the queue drains: a release costs more than the
+//! sending of a byte.
 
 use heapless::spsc::{Consumer, Producer};
 use rtic_core::Mutex;
@@ -97,8 +97,7 @@ pub trait StepPlatform {
     /// Outputs the event that was set up.
     fn output(&mut self);
 
-    /// Sets the time from the next event to the one that follows it. Returns 1 if the next event is
-    /// late, otherwise 0.
+    /// Sets the time from the next event to the event after it. Returns 1 if the next event is late, otherwise 0.
     fn set_reload(&mut self, following: StepEvent) -> u32;
 
     /// Sets up the outputs of the next event.
@@ -158,7 +157,7 @@ pub fn step(
     }
 }
 
-/// Takes a received byte, or what is left of one that was damaged, behind as many as are in the queue.
+/// Takes a received byte or a damaged one; `before` is the number of bytes enqueued so far.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "it is called from RAM, too")]
 pub fn serial_rx(

@@ -1,4 +1,4 @@
-//! Every code that lines may have: what it does, which words belong to it, and lines that show it.
+//! Every code that lines may have, with its effect, its words, and example lines.
 //!
 //! `docs/gcodes.md` is made from this table, and its lines are executed by `tests/interpreter/codes.rs`,
 //! which also finds a code that is read and not listed here.
@@ -19,7 +19,7 @@ pub struct CodeRow {
     pub group: CodeGroup,
     /// What the code does.
     pub text: &'static str,
-    /// The words that belong to it; those in brackets may be left out.
+    /// The words of the code; words in brackets may be left out.
     pub words: &'static str,
     /// Lines that are all accepted; the last one shows the code.
     pub example: &'static [&'static str],

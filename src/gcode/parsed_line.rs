@@ -243,7 +243,7 @@ impl ParsedLine {
             && self.tool_command != ToolCommand::Set
             && !matches!(self.modal.motion, MotionMode::Cycle(_))
         {
-            // Q is unknown in other lines, so that this error comes before those behind it.
+            // Q is unknown in other lines: this error comes before errors of the words after it.
             return Err(LineError::Unsupported);
         }
         if self.words.contains(Word::H) && !self.has_tool_number() {
@@ -364,10 +364,10 @@ impl ParsedLine {
         })
     }
 
-    /// A length in nm that means something else where it is 0: one that is not must not become it.
+    /// A length in nm where 0 has a meaning of its own: no other length may be rounded to 0.
     ///
     /// # Errors
-    /// [`LineError::ValueOutOfRange`] for one that would become 0.
+    /// [`LineError::ValueOutOfRange`] for a length that would become 0.
     pub fn exact_length(&self, number: Decimal) -> Result<Nm, LineError> {
         let length = self.length(number);
         if length == Nm(0) && !number.is_zero() {

@@ -144,8 +144,8 @@ pub struct LineModes<'a> {
 /// Reads a line without number and checksum, and writes what Grbl has words for.
 ///
 /// # Errors
-/// 1, 2 for a line that cannot be read; 20 for a code that is not known; 21 for a code beside one that
-/// stands alone; 36 for an `E` in a move up to a switch; 39 for a value out of range.
+/// 1, 2 for an unreadable line; 20 for an unknown code; 21 for a code beside one that stands alone; 36 for an `E` in a
+/// move up to a switch; 39 for a value out of range.
 pub fn read(
     line: &[u8],
     context: &LineModes<'_>,

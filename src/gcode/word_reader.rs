@@ -109,7 +109,7 @@ impl<I: Iterator<Item = u8>> WordReader<I> {
         self.0.following()
     }
 
-    /// The reader with more bytes after those that it has.
+    /// The reader with more bytes after its own.
     fn chain<J: Iterator<Item = u8>>(self, more: J) -> WordReader<Chain<I, J>> {
         WordReader(self.0.chain(more))
     }

@@ -53,8 +53,8 @@ pub struct Inputs {
     probe_latch: AtomicU32,
     /// Number of events output when each limit switch last became active; written by `inputs`.
     limit_latches: [AtomicU32; LIMIT_SWITCHES],
-    /// Motors that are to stand, written by `prepare`; and those that do, written by the task that makes the
-    /// table of outputs.
+    /// Motors that are to stand, written by `prepare`; and standing motors, written by the task that makes the table of
+    /// outputs.
     standing: [AtomicU32; if HAS_SECOND_MOTORS { 2 } else { 0 }],
 }
 

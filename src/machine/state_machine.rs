@@ -99,8 +99,8 @@ pub enum Effect {
     Suspend,
     /// Spindle and coolant are switched on again, one after the other.
     Restore,
-    /// The plan is void: it is dropped at rest, with the entries that the interpreter sends before it
-    /// knows of the cancellation.
+    /// The plan is void: at rest it is dropped, with the entries that the interpreter has sent before noticing the
+    /// cancellation.
     MotionCancel,
     /// The plan is dropped.
     DropPlan,

@@ -91,9 +91,9 @@ impl Watch {
         }
     }
 
-    /// Decides about a contact of the probe that has been latched, from what has changed for the filter: the
-    /// contact is confirmed with it, and forgotten after as many samples without it. Returns whether it was
-    /// a spike.
+    /// Decides about a latched contact of the probe, from the levels that have changed for the filter: a change of the
+    /// probe's level confirms the contact, [`SAMPLES`] samples without the contact drop it as a spike. Returns whether
+    /// it was a spike.
     #[inline]
     fn decide_contact(&mut self, changed: Levels, inputs: &Inputs) -> bool {
         if changed.has(Levels::PROBE) {

@@ -55,7 +55,7 @@ pub enum Command {
         /// Programmed speed, rpm.
         rpm: f32,
     },
-    /// A new speed of a spindle that turns, rpm: it changes where the moves that follow begin, without a stop.
+    /// A new speed of a turning spindle, rpm: it changes where the following moves begin, without a stop.
     Speed(f32),
     /// The other direction of a spindle whose tap is at the bottom of its hole: it feeds out at once.
     ReverseTap {
@@ -155,7 +155,7 @@ pub enum Laser {
     /// Laser mode is off: moves leave the spindle as it is.
     #[default]
     None,
-    /// This power, as a spindle speed in rpm (`M3`); the speed of a spindle that has changed it while it turned.
+    /// This power, as a spindle speed in rpm (`M3`), or the new speed of a spindle that was turning already.
     Constant(f32),
     /// Power in proportion to the actual speed, this value at the programmed speed (`M4`).
     Proportional(f32),

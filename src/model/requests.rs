@@ -3,10 +3,9 @@
 //! Written by `serial_rx`, `inputs` and `idle`; every other task only reads them or clears them.
 //!
 //! # Cost
-//! Requests are plain loads and stores: each flag is set at one priority and cleared by one reader
-//! of a lower one. Between the tasks of one core no barrier is needed, only the compiler's order.
-//! The receiver also runs from RAM while the flash is erased, and can call nothing there: all of it
-//! is inlined.
+//! Requests are plain loads and stores: each flag is set at one priority and cleared by one reader of lower priority.
+//! Between the tasks of one core no barrier is needed, only the compiler's order. The receiver also runs from RAM while
+//! the flash is erased, and can call nothing there: all of it is inlined.
 
 mod losses;
 mod marks;
@@ -95,8 +94,8 @@ pub struct Requests {
     utf8_count: AtomicU32,
     /// Number of requests to `prepare` other than overrides, wrapping.
     count: AtomicU32,
-    /// Number of resets by 0x18 and by the button, wrapping: a reader compares it with the number
-    /// of the last reset that it has handled.
+    /// Number of resets by 0x18 and by the button, wrapping: a reader compares the number with the number of the last
+    /// handled reset.
     resets: AtomicU32,
     /// Number of resets by `interpret`, wrapping.
     own_resets: AtomicU32,
@@ -288,8 +287,8 @@ impl Requests {
 
     /// Makes the requests of the buttons whose contacts have closed; for `inputs` alone.
     ///
-    /// A request that a received byte interrupts may count as one with that of the byte: readers
-    /// see that the number differs, and find both flags.
+    /// A request interrupted by a received byte may count as one with the request of the byte: readers see a new
+    /// number, and find both flags.
     pub fn press(&self, closed: Levels) {
         if !closed.has(Levels::BUTTONS) {
             return;
@@ -463,8 +462,8 @@ impl Requests {
 impl Requests {
     /// Sets the events that release `interpret`; for that task alone.
     ///
-    /// The task awaits [`Awaited::ALL`] before it looks for work, and afterwards the events that it
-    /// needs: no event is lost in between.
+    /// The task awaits [`Awaited::ALL`] before looking for work, and the events that it needs afterwards: no event is
+    /// lost in between.
     pub fn wake_on(&self, awaited: Awaited) {
         compiler_fence(SeqCst);
         self.awaited.store(awaited.0, Relaxed);

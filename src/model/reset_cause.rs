@@ -41,8 +41,8 @@ impl ResetCause {
         Self::Supply,
     ];
 
-    /// Returns the cause of a reset, from that of the fault that was recorded before it, if one was, and from what the
-    /// chip says. It may say several: the reset pin moves in each reset, and power that is switched on is a low supply.
+    /// Returns the cause of a reset from the fault recorded before the reset, if any, and from the flags of the chip.
+    /// Several flags may be set: the reset pin moves in each reset, and power that is switched on is a low supply.
     #[must_use]
     pub fn of(recorded: Option<Self>, is_said: impl Fn(Self) -> bool) -> Self {
         /// What the chip says besides [`Self::Power`], the most special first.

@@ -122,8 +122,8 @@ impl Arc {
         }
     }
 
-    /// Returns the angle, counted as `sweep`, at which one of these axes of the plane reverses first, after a distance that is
-    /// more than a rounding of the start, and before one like that to the end.
+    /// Returns the angle, counted as `sweep`, at which one of these axes of the plane reverses first. A reversal within
+    /// a rounding of the start or of the end is none.
     pub(super) fn first_reversal(&self, axes: [bool; 2]) -> Option<f64> {
         let sense = if self.sweep > 0.0 { 1.0 } else { -1.0 };
         let mut first = None;

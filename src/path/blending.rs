@@ -1,8 +1,8 @@
 //! Path control under `G64`: where and how the path leaves the programmed one.
 //!
-//! Short lines that lie within a distance of one line become that line (LinuxCNC's "naive CAM
-//! detector"), and the corner between two lines becomes an arc that touches both, in the plane of
-//! the two. What a line becomes depends on the next one, so the newest are held back:
+//! Short lines that lie within a distance of one line become this line (LinuxCNC's "naive CAM detector"), and the
+//! corner between two lines becomes an arc tangent to both, in the plane of the two. What a line becomes depends on the
+//! next one, so the newest are held back:
 //!
 //! ```text
 //!  lines ──▶ merger of short lines ──▶ line before a corner ──▶ output to the router

@@ -1,7 +1,7 @@
 //! Cutter radius compensation: from the programmed moves to those of the cutter's centre.
 //!
-//! Stands between the interpreter and path control. What a move becomes depends on the next one, so one
-//! move waits until that is known, and everything that follows meanwhile waits behind it:
+//! Stands between the interpreter and path control. How a move is compensated depends on the next move, so a move waits
+//! until the next is known, and everything in between waits behind the move:
 //!
 //! ```text
 //!  commands ──▶ waiting move ── up to MAX_ENTRIES_BEHIND entries ──▶ released, with the corner ──▶ output
@@ -59,7 +59,7 @@ enum Behind {
     Control(PathControl),
 }
 
-/// The moves of the cutter that wait for the next one, and those that are released.
+/// The moves of the cutter: the moves that wait for the next move, and the released moves.
 #[derive(Debug)]
 pub struct Compensator {
     plane: Plane,

@@ -44,7 +44,7 @@ pub enum Work {
     Probe(Block, Probing),
     /// A spindle state and its speed, rpm.
     Spindle(Spindle, f32),
-    /// The speed of a spindle that turns, rpm, which the moves that follow have as well: it changes with them, or at
+    /// The new speed of a turning spindle, rpm, which the following moves carry as well: it changes with them, or at
     /// rest.
     Speed(f32),
     /// The other direction of a spindle whose tap is in its hole, and its speed, rpm: the tap follows at once.

@@ -1,8 +1,8 @@
 //! Router: from commands in nanometres to blocks in steps, with geometry and limits.
 //!
-//! Owns the end of the last command and of the last block. A move that makes no step makes no block and
-//! becomes part of the next one, so that no rounding accumulates. Runs in `interpret`, which has no
-//! deadline, so that `prepare` needs single precision only.
+//! Owns the end of the last command and of the last block. A move without a step makes no block and becomes part of the
+//! next move, so that no rounding accumulates. Runs in `interpret`, which has no deadline, so that `prepare` needs
+//! single precision only.
 //!
 //! # Cost
 //! A block has some 50 words. [`Router::route_to`] is inlined, so that the block of a line, as nearly all

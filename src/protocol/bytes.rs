@@ -36,9 +36,9 @@ pub struct ByteRing<B: ?Sized = [AtomicU8]> {
     limit: AtomicUsize,
     /// Number of bytes written up to the last possible line end, wrapping.
     ended: AtomicUsize,
-    /// The number of the byte with which a character in UTF-8 goes on, plus what is missing of it, wrapping: its
-    /// first byte in the highest eight bits, shifted left by the number of bytes that have come. The highest bit is
-    /// set while another one follows.
+    /// The number of the byte that continues a character in UTF-8, plus the missing part of the character, wrapping:
+    /// its first byte in the highest eight bits, shifted left by the number of bytes so far. The highest bit is set
+    /// while another byte follows.
     character: AtomicUsize,
     bytes: B,
 }
@@ -185,7 +185,7 @@ impl<'a> ByteWriter<'a> {
         Ok(next)
     }
 
-    /// Returns what a byte from 0x80 on leaves of a character of which it is a part; `None` where it stands alone.
+    /// Returns the part of a character that is missing after a byte from 0x80 on; `None` where the byte stands alone.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `enqueue`")]
     pub(super) fn rest_of_character(&self, number: usize, byte: u8) -> Option<CharacterRest> {
@@ -336,9 +336,8 @@ impl ByteReader<'_> {
         ahead > 0
     }
 
-    /// Dequeues the bytes that a function consumes from those that wait. Returns whether the function
-    /// returned true. The function gets contiguous bytes: it is called a second time where the ring
-    /// wraps, unless it returned true or left bytes.
+    /// Dequeues the waiting bytes that a function consumes. Returns whether the function returned true. The function
+    /// gets contiguous bytes: it is called a second time where the ring wraps, unless it returned true or left bytes.
     #[inline]
     pub fn take_until(&mut self, mut consume: impl FnMut(&mut Waiting<'_>) -> bool) -> bool {
         let bytes = &self.ring.bytes;
@@ -400,8 +399,8 @@ impl ByteReader<'_> {
         self.consume(consumed);
     }
 
-    /// Removes each byte of a value that waits before a number; those that stay move up to it. Returns the
-    /// number of the place that had this one before.
+    /// Removes all waiting bytes of a value before the number `end`; the other bytes move up to this number. Returns
+    /// the new number of `place`.
     pub fn remove(&mut self, value: u8, end: usize, place: usize) -> usize {
         let n = end.wrapping_sub(self.ring.oldest());
         let mut to = end;
@@ -425,7 +424,7 @@ impl ByteReader<'_> {
         moved
     }
 
-    /// Returns the bytes that wait now: those up to the end of the ring, and those at its beginning.
+    /// Returns the waiting bytes: first up to the end of the ring, then from its beginning.
     #[inline]
     #[must_use]
     pub fn waiting(&self) -> [Waiting<'_>; 2] {

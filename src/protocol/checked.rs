@@ -4,8 +4,8 @@
 //! N3 G1 X10*80   ; the number, the words, the exclusive or of all bytes before the asterisk
 //! ```
 //!
-//! [`RawLine`] takes a line as it comes, byte by byte; [`RawLine::verdict`] says what has to become of it,
-//! from the line and the last accepted number alone. Read with the G-code pages of the RepRap wiki.
+//! [`RawLine`] takes a line byte by byte; [`RawLine::verdict`] decides about the line, from its bytes and the last
+//! accepted number alone. Read with the G-code pages of the RepRap wiki.
 
 use core::ops::Range;
 
@@ -96,7 +96,7 @@ impl Checksum {
 pub enum Verdict {
     /// Nothing: it is blank, or a comment.
     Blank,
-    /// It is executed; its number is this one, if it has one.
+    /// The line is executed; this is its number, if any.
     Execute(Option<i32>),
     /// It only sets the number of the last line.
     SetNumber(i32),
@@ -325,8 +325,8 @@ impl<const N: usize> RawLine<N> {
         }
     }
 
-    /// Whether the line may be the end of one in which a byte has become a line end: it ends with a
-    /// checksum, or is one whose asterisk was that byte.
+    /// Whether the line may be the end of a line in which a byte has become a line end: it ends with a checksum, or is
+    /// a checksum without its asterisk.
     fn is_part(&self) -> bool {
         let line = self.received().trim_ascii();
         let is_number = (1..=3).contains(&line.len()) && line.iter().all(u8::is_ascii_digit);
@@ -418,8 +418,7 @@ fn read_number(text: &[u8]) -> Option<(i32, usize)> {
         .then_some((number, usize::from(is_negative) + n))
 }
 
-/// Returns what follows a code at the beginning of the words, if they begin with it and not with a longer
-/// one.
+/// Returns the words after a code, if the words begin with this code and not with a longer one.
 fn has_code<'a>(words: &'a [u8], code: &[u8]) -> Option<&'a [u8]> {
     let words = words.trim_ascii_start();
     let (start, rest) = words.split_at_checked(code.len())?;

@@ -9,7 +9,7 @@ use super::{
     utf8_requests::{LATIN_1_LEAD, is_utf8_request},
 };
 
-/// What takes the place of a received byte that has been acted on, or belongs to a line that is dropped.
+/// The placeholder of a received byte that has been acted on, or belongs to a dropped line.
 pub(super) const TAKEN: u8 = 0;
 
 /// The line being received, and the last one that was accepted.

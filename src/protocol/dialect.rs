@@ -141,8 +141,8 @@ pub(super) struct DialectRules {
     pub(super) next_byte: Option<usize>,
 }
 
-/// A dialect beside Grbl's: what it makes of bytes and lines, and how it answers. All that a session knows of it; where
-/// it is not in effect, each method leaves everything to the session.
+/// A dialect beside Grbl's: how bytes and lines are read and answered. A session knows the dialect by this trait alone;
+/// where the dialect is not in effect, each method leaves everything to the session.
 pub(super) trait SenderDialect {
     /// Begins or ends to be in effect, and does what cannot wait for the lines before it. Returns work for the machine,
     /// if there is room for it.

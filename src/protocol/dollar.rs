@@ -221,7 +221,7 @@ pub struct Statement {
     pub example: &'static str,
     /// A state in which it is allowed.
     pub condition: Condition,
-    /// How the answer to `$` shows it. A statement that Grbl does not have stays out of it: senders compare it.
+    /// How the answer to `$` shows it. A statement that Grbl does not have stays out of the answer: senders compare it.
     pub help: Option<&'static str>,
     /// What it does.
     pub text: &'static str,

@@ -20,7 +20,7 @@ pub(super) const MAX_UNRELEASED_BYTES: usize = RECEIVED_RING / 4;
 /// The last of the bytes that are requests where they stand alone.
 pub(super) const LAST_REQUEST: u8 = 0xa3;
 
-/// A byte that is not what was sent, or behind which one is lost.
+/// A byte that was received wrong, or behind which another byte is lost.
 #[derive(Debug, Clone, Copy)]
 pub struct DamagedByte;
 

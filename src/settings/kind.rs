@@ -71,7 +71,7 @@ impl ValueRange {
     }
 }
 
-/// A value, as a user types it, as it is stored, or as it is shown.
+/// A value as typed by a user, as stored, or as shown.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Value {
     /// A whole number; 0 or 1 for off or on.
@@ -316,7 +316,7 @@ impl Value {
     ///
     /// # Errors
     /// [`SettingError::OutOfRange`]: a fraction where the setting is whole, or a number so near to 0 that it would
-    /// count as 0, which may mean that something is off.
+    /// count as 0, which may mean "off".
     pub(super) fn typed(number: Decimal, kind: &Kind) -> Result<Self, SettingError> {
         let millionths = number.to_millionths();
         let is_whole = kind.decimals() == 0;

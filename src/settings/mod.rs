@@ -144,7 +144,7 @@ settings! {
     shortens_jogs: bool = false,
     /// `$796` Whether the line behind a refused one waits for cycle start.
     holds_after_refusal: bool = false,
-    /// `$797` Duration of the motion that may wait behind the one in execution, s; 0 does not limit it.
+    /// `$797` Duration of the motion that may wait behind the motion in execution, s; 0 does not limit it.
     queued_motion_s: u8 = 5,
     /// `$798` Whether a contact of the probe outside of a probing move stops the machine, once the probe has worked.
     stops_at_contact: bool = true,
@@ -203,9 +203,9 @@ settings! {
 }
 
 impl Settings {
-    /// Returns the largest number of steps per second of one axis: the least of the rate that the
-    /// step pulse allows when pulses of other axes delay it, the rate that a segment can count, and
-    /// the rate proven for all axes together. Motors that are driven by phases follow only to theirs.
+    /// Returns the greatest step rate of a single axis: the least of the rate that step pulses allow when pulses of
+    /// other axes delay them, the rate that a segment can count, and the rate proven for all axes together. Motors that
+    /// are driven by phases have a limit of their own.
     #[must_use]
     pub fn greatest_step_rate_hz(&self) -> f32 {
         if HAS_PHASES {

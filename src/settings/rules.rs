@@ -11,7 +11,7 @@ use crate::{
     units::Nm,
 };
 
-/// Refuses bits of `$22` that the firmware does not have, and those that mean nothing without homing.
+/// Refuses bits of `$22` that the firmware does not have, and bits without a meaning while homing is off.
 pub(super) fn homing_is_known(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
     const ON: u8 = Settings::HOMING_ON;
     const AT_ZERO: u8 = Settings::HOMING_ON | Settings::ZERO_AT_HOME;
@@ -148,7 +148,7 @@ pub(super) fn delay_is_long_enough(settings: &Settings, _axis: usize) -> Result<
     Ok(())
 }
 
-/// Refuses dialects that the firmware does not know, and the one for which it has not been built.
+/// Refuses unknown dialects, and the dialect for which the firmware has not been built.
 pub(super) fn dialect_is_known(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
     match settings.dialect {
         0 | 2 => Ok(()),

@@ -56,7 +56,7 @@ impl Setting {
         self.row.kind.value(settings, self.axis)
     }
 
-    /// Changes the value to one that a user has typed, and adjusts the settings that depend on it.
+    /// Changes the value to a typed value, and adjusts the settings that depend on it.
     ///
     /// # Errors
     /// Every [`SettingError`]; the settings are unchanged then.

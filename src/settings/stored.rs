@@ -92,7 +92,7 @@ impl Change {
     }
 }
 
-/// A set of changes: those that wait to be stored, or those whose records are damaged.
+/// A set of changes: the changes that wait to be stored, or the changes whose records are damaged.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Changes(u64);
 
@@ -114,7 +114,7 @@ impl Changes {
         self.0 &= !Self::bit(change);
     }
 
-    /// Removes what a change stores anew: itself, and what it restores.
+    /// Removes a change, which has been stored anew, and the changes that it restores.
     pub const fn mend(&mut self, change: Change) {
         self.remove(change);
         match change {

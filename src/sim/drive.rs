@@ -52,7 +52,7 @@ pub struct Drive {
     published: Snapshot,
     /// The segments that wait or are played.
     pub segments: SegmentRing,
-    /// What else is known of the segments, and those that have begun.
+    /// Further facts of the segments, and the segments that have begun.
     playback: Playback,
     /// Switches, probe and buttons.
     pub inputs: Inputs,
@@ -343,7 +343,7 @@ impl Drive {
         );
     }
 
-    /// Returns the queue that `interpret` fills, the segments that it looks at, and its platform.
+    /// Returns the queue filled by `interpret`, the segments read by it, and its platform.
     pub(super) fn for_interpret(
         &mut self,
     ) -> (Producer<'_, Entry>, &SegmentRing, &mut VirtualPlatform) {

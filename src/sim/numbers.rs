@@ -20,8 +20,8 @@ pub(super) struct NumberPlace {
 impl NumberPlace {
     /// Returns where a whole line gets its number: before its first word, in place of an `N` word there.
     ///
-    /// A line gets none if that could change what it means: a `$` statement, a program number, a second
-    /// `N` word. Nor does one that has no word.
+    /// A line gets no number that could change its meaning: a `$` statement, a program number, a second `N` word. A
+    /// line without a word gets none either.
     pub(super) fn of(line: &[u8]) -> Option<Self> {
         let is_blank = |byte: &u8| *byte <= b' ' || *byte == b'/';
         let at = line.iter().position(|byte| !is_blank(byte))?;
@@ -53,7 +53,7 @@ impl NumberPlace {
     }
 }
 
-/// Returns the length of the `N` word with which a line begins, 0 without one, `None` for one that is no
+/// Returns the length of the `N` word with which a line begins, 0 without such a word, `None` where the `N` has no
 /// number.
 fn own_word(line: &[u8]) -> Option<usize> {
     let Some((b'N' | b'n', digits)) = line.split_first() else {

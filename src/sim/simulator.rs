@@ -220,7 +220,7 @@ impl Simulator {
         self.receive_or_lose(Ok(byte));
     }
 
-    /// Receives what is left of a byte that was damaged on the line, or behind which another one is lost.
+    /// Receives a byte that was damaged on the line, or behind which another byte is lost.
     pub fn receive_damaged(&mut self) {
         self.receive_or_lose(Err(DamagedByte));
     }

@@ -1,8 +1,8 @@
 //! A sender that streams a program to the simulated machine, and the serial line between them.
 //!
-//! The sender counts characters, as common senders do: it sends a line when Grbl's receive buffer has
-//! room for it besides the lines that are not answered. Each byte takes its time on the line. As by
-//! senders, realtime commands and carriage returns are left out of the program.
+//! The sender counts characters, as common senders do: it sends a line when Grbl's receive buffer has room for the line
+//! besides the unanswered lines. Each byte takes its time on the line. As by senders, realtime commands and carriage
+//! returns are left out of the program.
 //!
 //! A stream is pumped in bounded steps, and an observer is shown what happens: answers, pins, and each
 //! segment as it begins.
@@ -138,7 +138,7 @@ impl<S: BorrowMut<Simulator>, P: Iterator<Item = u8>> Stream<S, P> {
 
     /// Gives each line of G-code its number, from 1, in place of its own `N` word: [`PlayedSegment::line`]
     /// then tells the line. The number takes no time and no place in the window, so that the motion stays
-    /// the same. A line that is longer than the window gets none, nor one that another `N` word is in.
+    /// the same. A line longer than the window gets no number, nor does a line with another `N` word.
     #[must_use]
     pub const fn with_numbers(mut self) -> Self {
         self.has_numbers = true;

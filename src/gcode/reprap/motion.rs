@@ -11,8 +11,7 @@ use crate::{
     units::Nm,
 };
 
-/// Writes a line of motion: without words that have no meaning here, and with `E` as the axis that it
-/// drives.
+/// Writes a line of motion without the words that have no meaning here, and with the driven axis in place of `E`.
 pub(super) fn write_motion(
     line: &[u8],
     context: &LineModes<'_>,

@@ -60,8 +60,8 @@ impl Losses {
         self.count() != self.handled.load(Relaxed)
     }
 
-    /// Returns whether a line has lost bytes that ends before the byte of this number; forgets losses in it
-    /// and before it. A loss that comes meanwhile is kept.
+    /// Returns whether the line that ends before the byte of this number has lost bytes; forgets losses in the line and
+    /// before it. A loss that comes meanwhile is kept.
     pub(super) fn take_before(&self, end: usize) -> bool {
         let count = self.count();
         if count == self.handled.load(Relaxed) {

@@ -25,9 +25,9 @@ pub(super) const ROUNDING_NM: i64 = 50;
 /// Least cos²(θ/2), a deflection of 176°, for an arc: beyond, its radius is below a thirtieth of what is
 /// trimmed.
 const MIN_COSINE_SQR: f32 = 1.0e-3;
-/// Least ratio of the squared speeds on the arc and at the exact corner, 1.2 in speed v. Below it an arc
-/// gains little: less braking saves 2 (v − v/1.2)/a = v/3a at most, and an arc of the deflection θ takes
-/// θ v/a itself, so that beyond 19° it gains nothing.
+/// Least ratio of the squared speeds on the arc and at the exact corner, 1.2 in speed v. Below this ratio an arc gains
+/// little: less braking saves 2 (v − v/1.2)/a = v/3a at most, and an arc of the deflection θ takes θ v/a itself: beyond
+/// 19° the arc gains nothing.
 const MIN_GAIN: f32 = 1.44;
 /// Most steps of a radius: the points of a [`SpatialArc`](crate::path::SpatialArc) of 30 binary places have
 /// an error of 2⁻⁹ steps then.

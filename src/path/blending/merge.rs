@@ -1,8 +1,8 @@
 //! Merging of short lines into one.
 //!
 //! As in LinuxCNC's "naive CAM detector", all points between the first and the last are near the line
-//! from the first to the last. Here they also follow each other along that line, so that no point of it
-//! is farther from them than they are from it.
+//! from the first to the last. Here the points also follow each other along this line, so the line is nowhere farther
+//! from the programmed path than the points are from the line.
 
 use super::{PendingLine, direction, linear_mm};
 use crate::{

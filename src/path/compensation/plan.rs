@@ -24,7 +24,7 @@ const LONGER_ARC_RAD: f64 = 0.0254;
 const ROUNDING_RAD: f64 = 1.0e-6;
 const ROUNDING_MM: f64 = 5.0e-6;
 
-/// A move that fits: what becomes of the one before it, and of itself.
+/// A move that fits: its compensated end, and the changes of the move before it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Plan {
     /// The start of an entry.

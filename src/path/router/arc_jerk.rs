@@ -112,8 +112,8 @@ impl Limits {
         self.window.is_jerk_limited() && self.junction_deviation_mm <= 0.0
     }
 
-    /// Returns the greatest speed on an arc of an angle and the acceleration along it, from those without
-    /// a jerk limit and from the ends of the arc, at a feed rate that may be overridden.
+    /// Returns the greatest speed and the tangential acceleration on an arc of an angle, from their values without a
+    /// jerk limit and from the ends of the arc, at a feed rate that may be overridden.
     pub(super) fn of_arc(
         &self,
         ends: &[ArcJerk; 2],
@@ -143,8 +143,8 @@ impl Limits {
         (speed_mm_s, acceleration_mm_s2)
     }
 
-    /// Returns the greatest speed on an arc and the acceleration along it, from those without a jerk
-    /// limit and from points of the arc, at a feed rate that may be overridden.
+    /// Returns the greatest speed and the tangential acceleration on an arc, from their values without a jerk limit and
+    /// from points of the arc, at a feed rate that may be overridden.
     pub(super) fn jerk_limited(
         &self,
         points: &[ArcJerk],

@@ -9,8 +9,8 @@ use crate::{
     units::Nm,
 };
 
-/// Parts of an arc up to one that makes a step, at most: an arc has four reversals in a turn, so that behind five parts
-/// without a step the whole of it goes at once.
+/// Most parts of an arc up to a part that makes a step: an arc has four reversals in a turn, so after five parts
+/// without a step the whole arc goes at once.
 const MAX_PARTS_WITHOUT_STEPS: usize = 6;
 
 /// The directions in which the axes with backlash have moved last, bit 0 = X.
@@ -71,8 +71,8 @@ impl Router {
         self.last_directions.axes != 0
     }
 
-    /// Returns the next work that comes before that of a command; `None` when all of it has come. Then
-    /// [`Self::take_remainder`] has what is left of the command.
+    /// Returns the next work that comes before the work of a command; `None` when no more comes before. Then
+    /// [`Self::take_remainder`] has the rest of the command.
     #[inline]
     pub fn work_before(&mut self, command: &Command) -> Option<Work> {
         if self.has_backlash() {

@@ -166,7 +166,7 @@ pub(in crate::path) fn to_axes(direction: &[f32; LINEAR]) -> Axes<f32> {
     Axes::from_fn(|axis| direction.get(axis).copied().unwrap_or(0.0))
 }
 
-/// Returns the unit vector of a direction; one that is near to it stays as it is.
+/// Returns the unit vector of a direction; a direction whose length is nearly 1 stays unchanged.
 fn normalised(direction: Axes<f32>) -> Axes<f32> {
     let square = math::dot(&direction.0, &direction.0);
     if (square - 1.0).abs() < 1.0e-5 {

@@ -5,9 +5,9 @@
 //! has been silent, and an emergency (`M112`, `M108`, `M410`) as soon as its line is whole. Lines are
 //! only taken from bytes that have been looked at.
 //!
-//! A host that sends more than the queue holds loses lines, but no emergency: what begins behind
-//! [`KEPT_BYTES`] is looked at and dropped, and a line that goes on behind [`CUT_BYTES`] is cut and refused,
-//! so that there is always room for what comes next.
+//! A host that sends more than the queue holds loses lines, but no emergency: a line that begins behind [`KEPT_BYTES`]
+//! is read and dropped. A line that goes on behind [`CUT_BYTES`] is cut and refused, so there is always room for the
+//! next bytes.
 //!
 //! # Cost
 //! Dropping copies the bytes that stay, less than 1 KiB, and `serial_rx` is as without it. A quarter of
@@ -72,7 +72,7 @@ impl Scan {
 }
 
 impl RepRap {
-    /// Removes what has been taken out of the lines that wait, where it takes the room of more.
+    /// Removes the places of bytes that have been taken out of waiting lines, where the room is needed.
     fn make_room(&mut self, received: &mut ByteReader<'_>, requests: &Requests) {
         if !self.scan.has_taken || received.len() < KEPT_BYTES / 2 {
             return;

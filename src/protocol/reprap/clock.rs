@@ -1,4 +1,4 @@
-//! What is due by the clock: a pause that ends, drivers that go off, messages to a host that waits.
+//! Work due by the clock: the end of a pause, drivers switched off, messages to a waiting host.
 
 use super::RepRap;
 use crate::{
@@ -104,8 +104,7 @@ impl RepRap {
         is_due
     }
 
-    /// Tells a sender whose line waits that it does, and one that may wait for a lost `ok` that no line
-    /// does.
+    /// Reports to a sender that its line waits, or, where the sender may wait for a lost `ok`, that no line waits.
     fn report_waiting(
         &mut self,
         passed_ms: u32,

@@ -1,13 +1,13 @@
 //! The RepRap dialect, as Marlin speaks it: a layer between bytes and lines on one side, and answers on the other.
 //!
 //! Bytes are looked at before their lines ([`bytes`]). A line is taken whole, judged by its number and its checksum,
-//! and then written out in Grbl's words for the session ([`lines`]); what Grbl has no words for is a
-//! [`HostCommand`], which [`commands`] answers, or for which it tells the session what to do. Every line that is not
-//! blank gets exactly one `ok`. [`clock`] has what is due by time, [`replies`] the words of all answers.
+//! and then written out in Grbl's words for the session ([`lines`]). A code without words in Grbl is a [`HostCommand`]:
+//! [`commands`] answers it, or has the session do the work. Every line that is not blank gets exactly one `ok`.
+//! [`clock`] has what is due by time, [`replies`] the words of all answers.
 //!
-//! The session knows the layer by [`SenderDialect`] alone, and the layer knows of the session what a
-//! [`SessionContext`] lends: the session stays the one that owns the order of things. Without the feature `reprap`
-//! the dialect is off at compile time, and nothing of the layer is in the image.
+//! The session knows the layer by [`SenderDialect`] alone, and the layer reaches the session through a
+//! [`SessionContext`] alone: the session decides the order of the work. Without the feature `reprap` the dialect is off
+//! at compile time, and nothing of the layer is in the image.
 
 mod bytes;
 mod clock;

@@ -1,7 +1,7 @@
 //! Answers in the words of Marlin, which hosts of 3D printers parse.
 //!
-//! Pure, as `report` is. Read with Marlin 2.1 `language.h`, and with what Printrun 2.2 and OctoPrint 1.11
-//! look for in an answer: a line that begins with `Error:` ends a job, unless it has certain words.
+//! Pure, as `report` is. Read with Marlin 2.1 `language.h`, and with the texts that Printrun 2.2 and OctoPrint 1.11
+//! look for in an answer: a line with `Error:` at its beginning ends a job, unless it has certain words.
 
 use crate::protocol::{
     checked::{FailedCheck, next_number},
@@ -262,5 +262,5 @@ const fn unlocking(is_homing: bool) -> &'static str {
 /// The version of the firmware, and the address of its sources: none where the package has none.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 const SOURCE_CODE_URL: &str = env!("CARGO_PKG_REPOSITORY");
-/// What the maker calls the board, or what stands for one on the host, as `build.rs` says.
+/// The maker's name of the board, or its substitute on the host, from `build.rs`.
 const BOARD: &str = env!("LEADSCREW_BOARD_TITLE");

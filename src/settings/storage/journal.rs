@@ -1,15 +1,14 @@
 //! The journal: two sectors of flash in which each change is a new record after the old ones.
 //!
-//! The journal owns the flash. The newest whole record of each key counts: `sequential-storage`
-//! finds it by a CRC-32 of its contents and a CRC-16 of its length, and copies the newest records
-//! to the other page before it erases a full one. `sectors.rs` protects that erase against a power
-//! cut.
+//! The journal owns the flash. The newest whole record of each key counts: `sequential-storage` finds this record by a
+//! CRC-32 of its contents and a CRC-16 of its length, and copies the newest records to the other page before it erases
+//! a full one. `sectors.rs` protects that erase against a power cut.
 //!
 //! `$RST` changes several keys and must happen at once. Each record bears a generation of its key, and
 //! one record says which generations count; records of older generations count as absent. So a `$RST`
 //! is one record as well.
 //!
-//! A record that is damaged would leave the one before it to count. So each bears a stamp with the versions of all
+//! Where a record is damaged, the record before it would count. So each record bears a stamp with the versions of all
 //! keys (`stamp.rs`), and marks at the end of the sector say which changes have been stored (`sectors.rs`). What is
 //! found to be missing is reported at each start, until it is stored anew. Records without stamps, of older firmware,
 //! are stored with them at the first start.
@@ -247,8 +246,8 @@ impl<F: NorFlash> Journal<F> {
     ///
     /// # Errors
     /// [`StoreError::Flash`] when the flash fails, [`StoreError::NoRoom`] for a startup line or a slot
-    /// that does not exist, [`StoreError::MustWait`] when erasing is postponed and the change needs it, or comes
-    /// after one that does.
+    /// that does not exist, [`StoreError::MustWait`] when erasing is postponed and this change needs an erase, or comes
+    /// after a change that does.
     #[inline(never)]
     pub fn write(
         &mut self,
@@ -391,7 +390,8 @@ impl<F: NorFlash> Journal<F> {
         let newest = self.stamp.versions[GENERATIONS_INDEX];
         // The first one of a journal is as none.
         if self.is_lost(GENERATIONS_INDEX) && newest != 1 {
-            // What a restoration has cleared may be there again: each key bears it, until it is stored anew.
+            // The records that a restoration has cleared may count again: each key is reported as lost until it is
+            // stored anew.
             for index in 0..KEYS {
                 if self.stamp.versions.get(index) != Some(&0) {
                     self.lose(index);

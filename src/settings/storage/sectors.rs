@@ -15,8 +15,8 @@
 //! higher each time, with its complement: bits that are erased or not yet programmed make the word
 //! invalid but never a higher number. No word of it is programmed twice.
 //!
-//! The marks say which changes have been stored to their end, so that a record that a power cut has torn differs from
-//! one that is damaged:
+//! The marks say which changes have been stored to their end, so that a record torn by a power cut differs from a
+//! damaged record:
 //!
 //! ```text
 //! marks │ base: u32, its complement │ the same, where the first is damaged │ key, key, … of each change after it │
@@ -147,7 +147,7 @@ impl<F: NorFlash> Sectors<F> {
         Ok(first.into_iter().chain(second).max_by_key(order))
     }
 
-    /// Returns the key of a change that is marked; `None` of one that is older than the marks.
+    /// Returns the key of a marked change; `None` for a change older than the marks.
     pub(super) fn marked_key(&mut self, marks: Marks, number: u32) -> Result<Option<u8>, F::Error> {
         let Some(index) = marks.keys.checked_sub(marks.newest - number + 1) else {
             return Ok(None);

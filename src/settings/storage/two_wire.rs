@@ -2,8 +2,8 @@
 //!
 //! Both wires are pulled up; master and EEPROM pull them low. NXP UM10204 3.1: the data wire changes while the clock
 //! is low, but for the start and the stop of a transfer. Every wait has an end: for a clock that somebody holds low,
-//! for the acknowledgement of an EEPROM that is still writing, for a data wire that a transfer which a reset has cut
-//! off holds low.
+//! for the acknowledgement of an EEPROM that is still writing, for a data wire held low by a transfer which a reset has
+//! cut off.
 
 use super::eeprom::{Eeprom, EepromError};
 
@@ -122,7 +122,7 @@ impl<W: Wires> TwoWireEeprom<W> {
         Ok(!self.bit(true)?)
     }
 
-    /// Receives a byte, and acknowledges it unless it is the last one.
+    /// Receives a byte, and acknowledges it unless it is the last.
     fn receive(&mut self, is_last: bool) -> Result<u8, EepromError> {
         let mut byte = 0;
         for _ in 0..8 {
