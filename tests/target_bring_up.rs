@@ -1,4 +1,5 @@
-//! What a board is, and whether it does what the firmware counts on: `cargo xtask bring-up --board NAME`.
+//! What a board has, and whether the board does everything that the firmware counts on: `cargo xtask bring-up --board
+//! NAME`.
 //!
 //! The program is the firmware's own board folder without its tasks: clocks, step timer, USART, fault handlers
 //! and watchdog are those files, compiled once more. It measures, and judges nothing: each fact is a line of

@@ -1,4 +1,4 @@
-//! The sender's USART: each byte that comes is compared with the one that should, and answered.
+//! The sender's USART: each received byte is compared with the expected byte, and answered.
 //!
 //! Receiving and sending are the firmware's. `proof/target/src/bring_up/exchange.rs` is the other side.
 
@@ -89,7 +89,7 @@ fn discard() {
     let _ = usart.dr().read();
 }
 
-/// In the emulator, asks for a byte and leaves it where it is: it must stop nothing that follows.
+/// In the emulator, asks for a byte and leaves it in the receiver: the byte must not stop anything that follows.
 #[expect(unsafe_code, reason = "nobody receives yet")]
 pub(super) fn await_early_byte() {
     if emulation::is_emulated() {
@@ -121,7 +121,7 @@ pub(super) fn end(facts: &mut Facts, receiver: Receiver, registers: pac::FLASH) 
     // What comes before is of faults that were made.
     print("facts\n");
     print(facts.text());
-    // Not one of those that are asked for now.
+    // Not a byte that the next steps ask for.
     discard();
     print("ready\n");
     facts.clear();

@@ -1,8 +1,8 @@
 //! Faults on purpose: each ends in a reset, which this program survives.
 //!
-//! Before each, outputs are switched on. A fault that nothing notices would leave them on, so the watchdog runs
-//! meanwhile; the first fault shows that it does. A stack without its guard is not tried: it would overwrite
-//! everything, what this program knows of itself too.
+//! Before each, outputs are switched on. A fault that nothing notices would leave the outputs on, so the watchdog runs
+//! meanwhile, as the first fault shows. A stack without its guard is not tried: it would overwrite everything, what
+//! this program knows of itself too.
 
 use core::hint::black_box;
 

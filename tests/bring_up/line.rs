@@ -24,7 +24,7 @@ pub(super) struct Line {
     transmitter: Transmitter,
 }
 
-/// Bytes that have come, and how many are not those that should.
+/// Number of received bytes, and of bytes other than expected.
 #[derive(Default)]
 pub(super) struct Compared {
     pub(super) count: u32,

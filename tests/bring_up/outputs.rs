@@ -14,7 +14,7 @@ use super::{
     wiring::{self, AccessoryPins, Output},
 };
 
-/// Where a fault leaves its time, and what was on before it and after it.
+/// Where a fault leaves its time, and the numbers of outputs on before and after.
 pub(super) const START: usize = 0;
 pub(super) const ON: usize = 1;
 pub(super) const CYCLES: usize = 2;
@@ -50,7 +50,7 @@ pub(super) fn switch_on() -> u32 {
     count_active()
 }
 
-/// As in the firmware, for `fault`; leaves the time that it took, and what is on after it.
+/// As in the firmware, for `fault`; leaves the time taken, and the number of outputs still on.
 pub(super) fn switch_off() {
     production::switch_off();
     let taken = clock::now().wrapping_sub(left(START));

@@ -1,8 +1,8 @@
 //! The step timer and the body of `step`, without pins: when events come, and when they should.
 //!
-//! The handler of the step timer is that of the firmware, but where that writes the pins, this one takes the
-//! time, and how long ago the event was due by the timer itself. So what an interrupt waits for does not
-//! count, and the times between events must be exact.
+//! The handler of the step timer is the firmware's, but where the firmware writes the pins, this handler takes the
+//! time, and how long ago the event was due by the timer itself. So the delay of an interrupt does not count, and the
+//! times between events must be exact.
 
 use core::{
     cell::UnsafeCell,

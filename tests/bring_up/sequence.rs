@@ -1,6 +1,6 @@
 //! The bytes of the exchange, as both sides make them.
 
-/// Seeds of the bytes that go both ways at once, of those without a pause, and of those that come in bursts.
+/// Seeds of the bytes in both directions at once, of the bytes without a pause, and of the bytes in bursts.
 pub(super) const TO_BOARD: u8 = b'>';
 pub(super) const FROM_BOARD: u8 = b'<';
 pub(super) const STREAM: u8 = b'=';

@@ -1,5 +1,5 @@
-//! The image of the firmware for a chip: what erases and programs flash is in RAM (that it needs nothing in flash is
-//! proven), no queues of zeros are kept in flash, and nothing of what only the feature `reprap` asks for.
+//! The image of the firmware for a chip: the code that erases and programs flash is in RAM (the proof shows that this
+//! code needs nothing in flash). Flash keeps no queues of zeros, and nothing that only the feature `reprap` asks for.
 
 use std::{env, fs, ops::Range};
 

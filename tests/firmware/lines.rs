@@ -2,7 +2,7 @@
 
 use crate::{cases::rounds, machine::Machine, sender::Sender};
 
-/// The control register of SysTick, the step timer, and its bit that says that it runs to an event.
+/// The control register of SysTick, the step timer, and the bit for running to an event.
 const SYST_CSR: u64 = 0xe000_e010;
 const TICKINT: u32 = 1 << 1;
 
@@ -123,7 +123,7 @@ fn bad_input_gets_one_error_a_line_and_moves_nothing() {
     ];
     for _ in 0..rounds(2_000) {
         let length = next() % 100;
-        // `Q` makes it an error whatever else it says; realtime bytes would not be part of it.
+        // `Q` makes the line an error whatever else it says; realtime bytes would not be part of the line.
         let bytes = (0..length).map(|_| next() as u8);
         let plain = bytes.filter(|byte| !b"?!~\x18\x84\r\n;()".contains(byte));
         lines.push([b"Q".to_vec(), plain.collect()].concat());

@@ -1,7 +1,7 @@
 //! The firmware itself, over its serial line, on the emulated board.
 //!
-//! `cargo xtask test` builds it and names it in `FIRMWARE_ELF`, and the one for the chip in `CHIP_FIRMWARE_ELF`; without
-//! them there is nothing to run.
+//! `cargo xtask test` builds the image and names it in `FIRMWARE_ELF`, and the image for the chip in
+//! `CHIP_FIRMWARE_ELF`; without them there is nothing to run.
 #![cfg(not(target_os = "none"))]
 
 #[path = "../support/cases.rs"]

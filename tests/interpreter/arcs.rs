@@ -70,7 +70,7 @@ fn a_full_circle_is_one_turn_back_to_the_start_in_every_plane() {
     let rotated = ["G10L2P2X3Y4R90", "G1X5Y5F10"];
     let lines = |circle| commands(&[rotated[0], rotated[1], circle]).pop();
     assert_eq!(lines("G55G2I5"), lines("G55G2X1Y-2I5"));
-    // Something has to say what the circle is, and that it is one.
+    // Words of the line have to define the circle, and to say that there is a circle.
     assert_eq!(error(&["G2F10"]), LineError::NoAxisWords);
     assert_eq!(error(&["G2R5F10"]), LineError::NoAxisWords);
     assert_eq!(error(&["G2K5F10"]), LineError::NoAxisWords);

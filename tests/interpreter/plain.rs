@@ -1,4 +1,4 @@
-//! Plain lines: what is done in one go is what checking and committing do.
+//! Plain lines: their execution in one go equals checking and committing.
 
 use leadscrew::{
     gcode::{

@@ -1,4 +1,4 @@
-//! The storage in an EEPROM that loses power at any byte that it writes.
+//! The storage in an EEPROM that loses power at any written byte.
 
 use leadscrew::settings::{
     Change, EEPROM_KIB, Eeprom, EepromError, EepromStore, PAGE_BYTES, StoreError, TOOLS, ToolTable,

@@ -113,7 +113,7 @@ impl History {
             format!("{}={}", 130 + value as usize % AXES, value),
         ];
         let which = self.below(statements.len() as u32) as usize;
-        // One that is refused, as soft limits without homing, stores what is stored already.
+        // A refused statement, as for soft limits without homing, stores the settings unchanged.
         let _ = assign(
             &mut self.contents.stored.settings,
             statements[which].as_bytes(),

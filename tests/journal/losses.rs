@@ -132,7 +132,7 @@ fn image(settings: usize) -> (Large, Contents) {
     (flash, changes.last().unwrap().1.clone())
 }
 
-/// The addresses of what is programmed, and of what is behind it up to the end of the sector's records.
+/// The programmed addresses, and the addresses after them up to the end of the sector's records.
 fn used(flash: &Large) -> impl Iterator<Item = usize> + use<> {
     let contents = flash.contents();
     let end = contents[..PAGE].iter().rposition(|byte| *byte != 0xff);
@@ -172,7 +172,7 @@ fn eight_bytes_of_zeros_in_a_flash_change_nothing_or_are_reported_by_name() {
         let mut flash = flash.clone();
         flash.contents_mut()[at..at + 8].fill(0);
         let (_, loaded) = power_up(flash);
-        // A page that looks closed, beside one that looks empty.
+        // A page that looks closed, beside an apparently empty page.
         assert!(!loaded.is_first_boot || !loaded.damaged.is_empty(), "{at}");
         outcomes.add(&loaded, &contents, &at.to_string());
     }

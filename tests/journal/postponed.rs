@@ -17,8 +17,8 @@ fn used(history: &mut History) -> Small {
     journal.into_flash()
 }
 
-/// Makes changes while erasing is postponed, until some wait. Returns what was in effect from the last
-/// that was stored to the newest, with what waits.
+/// Makes changes while erasing is postponed, until some wait. Returns the contents in effect from the last stored ones
+/// to the newest, with the changes that wait.
 fn change_until_some_wait(flash: Small, history: &mut History) -> (Small, Vec<Contents>, Changes) {
     let (mut journal, _) = power_up(flash);
     let erases = journal.flash().erases();

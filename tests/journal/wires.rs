@@ -7,7 +7,7 @@ use crate::{
     history::{Contents, History},
 };
 
-/// Bytes of a page of a 24C64: an address that leaves it begins it anew.
+/// Bytes of a page of a 24C64: an address past the end of the page continues at its beginning.
 const PAGE: usize = 32;
 /// Selections for which the chip is busy after a write, and waits after which a test has gone on for too long.
 const BUSY: u32 = 40;

@@ -256,7 +256,7 @@ fn a_probing_move_reports_the_contact_without_slack() {
         loose.table.axes
     });
     loose.goes("G0 Z1\nG0 X1\n", [1.0, 0.0, 1.0]);
-    // One that has slack before it and misses.
+    // A probing move that has slack before it and misses.
     loose.machine.set_pin(Levels::PROBE, false);
     loose.goes("G38.3 Z0.5 F300\n", [1.0, 0.0, 0.5]);
 }

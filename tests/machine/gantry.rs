@@ -1,4 +1,4 @@
-//! Axes with two motors and a switch at each: where homing leaves both, and what it does when that fails.
+//! Axes with two motors and a switch at each: where homing leaves both motors, and how homing fails.
 
 use leadscrew::{
     axis::{AXES, X, Y, Z},

@@ -1,4 +1,4 @@
-//! The homing cycle on a machine with switches: where it ends, how long it takes, how it fails.
+//! The homing cycle on a machine with switches: its end position, its duration, its failures.
 
 use crate::support::{Cell, cases, check_limits, fast};
 use leadscrew::{

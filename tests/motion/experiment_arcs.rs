@@ -1,4 +1,4 @@
-//! How the experiment ended its arcs, and what came of it: the fault that `IntegerArc` does not have.
+//! How the experiment ended its arcs, and the fault of this method, which `IntegerArc` does not have.
 //!
 //! The experiment stopped when the point was in the quadrant of the end and past the end with both
 //! coordinates; in the fourth quadrant it compared a coordinate with itself in place of Y. Nothing knew

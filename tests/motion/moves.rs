@@ -372,8 +372,8 @@ fn off_line(settings: &Settings, trace: &Trace, displacement: [f64; 3]) -> f64 {
     worst
 }
 
-/// Largest change of the path speed from one interval of the X axis to the next, mm/s, in cruise
-/// and, less what the acceleration makes of it, on the ramps.
+/// Largest change of the path speed from one interval of the X axis to the next, mm/s, in cruise and, less the part of
+/// the acceleration, on the ramps.
 fn largest_jump(settings: &Settings, trace: &Trace, displacement: [f64; 3], length: f64) -> f64 {
     let per_mm = f64::from(settings.steps_per_mm[0].to_f32());
     let to_path = length / displacement[0];

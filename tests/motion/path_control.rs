@@ -309,7 +309,7 @@ fn the_end_of_a_program_tells_how_far_the_path_was_left() {
     );
 }
 
-/// Lines of a program, each with what the sender does after it: how long it waits, and a byte.
+/// Lines of a program, each with the sender's action after the line: a pause, and a byte.
 fn lines() -> impl Strategy<Value = Vec<([i32; 3], u64, u8)>> {
     let place = prop_oneof![4 => -300..300_i32, 1 => Just(0), 2 => -5..5_i32];
     let wait_ms = prop_oneof![3 => Just(0_u64), 1 => 0..200_u64];

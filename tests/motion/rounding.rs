@@ -124,7 +124,7 @@ fn farthest(points: &[Point], path: &[Point]) -> f64 {
     farthest
 }
 
-/// The greatest distance between what is programmed and what becomes of it, in either direction, mm.
+/// The greatest distance between the programmed path and the output path, in either direction, mm.
 fn deviation_mm(commands: &[Command], outputs: &[BlendOutput], grain: f64) -> f64 {
     let settings = fine();
     let programmed = samples(&pieces(&settings, commands), grain);

@@ -31,8 +31,7 @@ fn the_proof_counts_on_the_longest_segment() {
     assert!(jitters.eq(["jitter = \"longest_segment\""; 3]));
 }
 
-/// Checks that no segment is too long, and that there are not too many in any stretch of time and for
-/// the steps made in it.
+/// Checks the length of each segment, and the number of segments in any stretch of time, also for the steps made in it.
 fn check(segments: &[Begin], step_rate: StepRate) -> Result<(), TestCaseError> {
     let steps_per_tick = f64::from(step_rate.hz()) / TICKS_PER_S;
     let mut level = 0.0_f64;

@@ -177,7 +177,7 @@ fn due(arc: Arc) -> (Vec<f64>, f64) {
         let own = usize::from(step.signs[0] == 0);
         let middle = passed + 0.5 * length(step);
         passed += length(step);
-        // A step behind one of the same axis waits until it is a whole step behind it.
+        // A step after another step of the same axis waits until it is a whole step later.
         last[own] = middle.max(last[own] + 1.0).max(last[1 - own]);
         last[own]
     };

@@ -55,7 +55,7 @@ impl Recorder {
         ticks as f64 / f64::from(TICKS_PER_SECOND)
     }
 
-    /// Every line is a position that the axes have had before it, after that of the line before.
+    /// Every line is a position that the axes have had before the line, after the position of the previous line.
     fn assert_on_the_trace(&self) {
         let mut first = 0;
         for (place, (line, known, _)) in self.places().iter().zip(&self.positions) {
@@ -118,7 +118,7 @@ fn the_stream_shows_every_step_of_the_experiment() {
 #[test]
 fn the_experiment_ends_where_it_began_after_30_156_seconds() {
     let recorder = run(&[], PROGRAM);
-    // Each arc with the places that it visits, from the end of the one before.
+    // Each arc with the places that it visits, from the end of the previous arc.
     let mut begin = 0;
     let mut from = [0, 0];
     let mut counts = [0, 0];

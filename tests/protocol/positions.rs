@@ -1,4 +1,4 @@
-//! One position: whatever ends a motion or takes it back, everything that knows a position goes on from the same one.
+//! One position: whatever ends or cancels a motion, everything that knows a position goes on from the same position.
 
 use leadscrew::{
     axis::X,

@@ -1,4 +1,4 @@
-//! Codes that mean something else than in Grbl, and those that Grbl does not have.
+//! Codes with another meaning than in Grbl, and codes that Grbl does not have.
 
 use leadscrew::model::{PathControl, State};
 

@@ -166,7 +166,7 @@ proptest! {
     }
 }
 
-/// Sends random bytes, of which those are answered that make lines in one of the two dialects.
+/// Sends random bytes: all bytes that make lines in one of the two dialects are answered.
 fn send_random_bytes(dialect: &str, seed: u64) {
     let is_reprap = dialect == "780=1";
     let mut random = Random(seed);

@@ -173,7 +173,7 @@ fn a_megabyte_without_a_line_end_is_one_line_that_is_refused() {
     }
 }
 
-/// Every variant of a line with one flipped bit, one byte less or one byte more.
+/// Every variant of a line with a flipped bit, a byte less or a byte more.
 fn damaged(line: &[u8]) -> Vec<Vec<u8>> {
     let mut all = Vec::new();
     for index in 0..line.len() {

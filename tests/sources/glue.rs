@@ -33,8 +33,8 @@ const OWN: [(&str, &str); 5] = [
     ("simulator", "advance"),
 ];
 
-/// The names of a source in their order, comments left out, each with what is between it and the name
-/// before it, and its line.
+/// The names of a source in their order, comments left out, each with the text between it and the name before, and its
+/// line.
 fn names(source: &str) -> Vec<(String, String, usize)> {
     let mut names = Vec::new();
     let mut between = String::new();

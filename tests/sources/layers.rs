@@ -147,8 +147,8 @@ fn every_module_uses_only_what_is_below_it() {
     assert!(found.is_empty(), "\n{found}");
 }
 
-/// Returns the modules of a folder that use each other in a circle, or one in such a circle: those that
-/// remain when all are removed, one by one, that use none of the others.
+/// Returns the modules of a folder that use each other in a circle, or use a module in such a circle: the rest when
+/// modules without a use of the others are removed in turn.
 fn circle(folder: &str, files: &[(String, String)]) -> BTreeSet<String> {
     let inside = format!("{folder}/");
     let modules: Vec<(&str, &str)> = files

@@ -1,5 +1,5 @@
-//! Rules about the sources: layers, words, costs, types, variants, glue, boards, and paths and links in
-//! documents.
+//! Rules about the sources: layers, words, sentences, costs, types, variants, glue, boards, and paths and
+//! links in documents.
 
 #![cfg(not(target_os = "none"))]
 
@@ -11,6 +11,7 @@ mod links;
 mod options;
 mod paths;
 mod random;
+mod sentences;
 mod size;
 mod types;
 mod variants;

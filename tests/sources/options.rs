@@ -23,7 +23,7 @@ fn reads_arguments(manifest: &str) -> bool {
     })
 }
 
-/// A tool that reads its arguments otherwise than `cargo xtask` does refuses what it is started with.
+/// A tool whose arguments are read otherwise than by `cargo xtask` refuses them.
 #[test]
 fn only_the_library_of_the_tools_reads_arguments() {
     let workspace = manifest(".");

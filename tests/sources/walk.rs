@@ -1,4 +1,4 @@
-//! The walk of a move in `docs/ARCHITECTURE.md` names functions that are in the files that it names.
+//! The walk of a move in `docs/ARCHITECTURE.md` names functions that are in the files named with them.
 
 use std::{collections::BTreeSet, fmt::Write as _, fs, path::Path};
 
@@ -6,7 +6,7 @@ use std::{collections::BTreeSet, fmt::Write as _, fs, path::Path};
 const MOST_FILES: usize = 20;
 const MOST_FILES_WITH_LEAVES: usize = 28;
 
-/// A name, the file in `src/` that has it, and the number of the line that says so.
+/// A name, the file in `src/` that has the name, and the number of the line in the table.
 type Named<'a> = (&'a str, &'a str, usize);
 
 /// The texts between backticks.

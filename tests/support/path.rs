@@ -17,8 +17,7 @@ use super::{TICKS_PER_S, Trace, add_steps, target, target_steps};
 const GRAIN: f64 = 0.05;
 /// The part that the search leaves out.
 const SEARCH: f64 = 0.03;
-/// Most that a step is early or late so that events keep their distance, with what its time is rounded
-/// by, s.
+/// Most that a step is early or late so that events keep their distance, with the rounding of its time, s.
 pub(crate) const SHIFT_S: f64 = (STEP_JITTER_TICKS + 2) as f64 / TICKS_PER_S;
 
 type Point = [f64; AXES];

@@ -23,7 +23,7 @@ pub(crate) const RESET: u8 = 0x18;
 /// Most virtual time without an end of the program, ticks: an hour.
 const LONGEST: u64 = 3600 * TICKS_PER_SECOND as u64;
 
-/// The drive with what stands for `interpret` before it and the pins behind it.
+/// The drive with a stand-in for `interpret` before it and the pins behind it.
 pub(crate) struct Rig {
     pub(crate) drive: Drive,
     /// How far a motor may be away from its axis, steps.
@@ -39,8 +39,7 @@ pub(crate) struct Rig {
     is_recovering: bool,
     /// Least time between two entries, ticks.
     pub(crate) feed_ticks: u64,
-    /// How moves follow each other, what has become of them, and the work that it makes, each block
-    /// with a line number of its own.
+    /// How moves follow each other, the blended moves, and their work, each block with a line number of its own.
     pub(crate) control: PathControl,
     pub(crate) blended: Vec<BlendOutput>,
     path: Blender,

@@ -1,4 +1,4 @@
-//! Damage on a serial line: bits that flip, bytes that are lost or come twice, answers that are lost.
+//! Damage on a serial line: flipped bits, lost and doubled bytes, lost answers.
 //!
 //! As on a long cable beside a spindle, but from a seed, so that a run that has failed can be had again.
 
@@ -32,8 +32,8 @@ impl Damage {
 
     /// What reaches the machine of bytes that have been sent, by whole lines.
     ///
-    /// Only numbered lines are damaged, for only these can be sent again. `M110` is left alone: where it
-    /// is lost, printcore takes the request for the line behind it as no reason to send that again.
+    /// Only numbered lines are damaged, for only these can be sent again. `M110` is never damaged: after its loss,
+    /// printcore takes the request for the next line as no reason to send `M110` again.
     pub(crate) fn sent(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut passed = Vec::new();
         self.begun.extend(bytes);

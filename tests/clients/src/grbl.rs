@@ -203,7 +203,7 @@ impl Grbl {
         if self.open_queries == 0 {
             self.fault(format!("nobody asked for {text}"));
         }
-        // Grbl keeps one question: those that came before this report have had their answer.
+        // Grbl keeps one question: all questions before this report have had their answer.
         self.open_queries = self.open_queries.saturating_sub(1);
         self.is_report_due = false;
         let report = Report::read(text).unwrap_or_default();

@@ -47,7 +47,7 @@ use self::{
 /// How long nothing may happen on the line: a guard for a sender that is stuck, no measure. Its script
 /// finds a machine that is stuck before.
 const TIMEOUT: Duration = Duration::from_mins(5);
-/// Longest time for one sender's run: a guard for one that goes round in circles.
+/// Longest time for one sender's run: a guard against endless loops.
 const RUN_TIMEOUT: Duration = Duration::from_mins(30);
 /// Longest time for the last answers after the sender has ended.
 const LAST_ANSWERS_TIMEOUT: Duration = Duration::from_mins(1);
@@ -116,14 +116,14 @@ impl Sender {
         }
     }
 
-    /// Whether it numbers its lines, and sends those again that were damaged.
+    /// Whether the sender numbers its lines, and sends damaged lines again.
     fn is_for_reprap(self) -> bool {
         matches!(self, Self::Printcore | Self::OctoPrintRules)
     }
 
-    /// Whether it is tried at a place. The simulator has the firmware's code for all that a sender can tell; what is
-    /// the firmware's alone, its serial line and its tasks, is the same for all: our own, and one of others for each
-    /// dialect, are enough there, in the emulator or at the virtual board.
+    /// Whether the sender is tried at a place. The simulator has the firmware's code for all that a sender can tell.
+    /// Only the serial line and the tasks are the firmware's alone, and are the same for all senders: for them our own
+    /// sender, and another for each dialect, are enough, in the emulator or at the virtual board.
     fn is_tried_at(self, place: Place) -> bool {
         match place {
             Place::Simulator => true,
@@ -147,7 +147,7 @@ impl Sender {
         dialect.into_iter().collect()
     }
 
-    /// The script that drives it, and the program that runs the script.
+    /// The script that drives the sender, and the program that runs the script.
     fn command(self) -> Result<(Command, &'static str)> {
         let (program, script) = match self {
             Self::Raw => (common::install::plain_python()?, "raw.py"),
@@ -350,7 +350,7 @@ impl Run {
             .spawn()
             .context("cannot start the script")?;
         let status = self.wait(&mut child);
-        // A server that it has started goes with it.
+        // A server that the sender has started ends with the sender.
         if let Some(group) = Pid::from_raw(child.id().cast_signed()) {
             let _ = rustix::process::kill_process_group(group, Signal::KILL);
         }

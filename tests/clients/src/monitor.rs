@@ -44,7 +44,7 @@ impl Monitor {
         Ok(Self { process, messages })
     }
 
-    /// Puts one between a port and a new one, whose path it returns.
+    /// Puts a monitor between a port and a new port; returns the path of the new port.
     pub(super) fn between(port: &Path, folder: &Path) -> Result<(Self, PathBuf)> {
         let link = folder.join("link");
         let mut command = tools::command(tools::MONITOR)?;
@@ -52,7 +52,7 @@ impl Monitor {
         Ok((Self::start(&mut command)?, link))
     }
 
-    /// Ends it, and checks that it has gone well until then.
+    /// Ends the monitor, and checks that it has had no error until then.
     pub(super) fn end(mut self) -> Result<()> {
         self.interrupt();
         let mut printed = String::new();

@@ -154,7 +154,7 @@ impl Traffic {
         fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
     }
 
-    /// The last lines that passed, the oldest first; the bytes of one that came in pieces are together.
+    /// The last lines that passed, the oldest first; a line that came in pieces is joined.
     pub(super) fn last(&self, count: usize) -> Vec<String> {
         let mut lines: VecDeque<Passed> = VecDeque::new();
         for passed in self.passed.iter().rev() {

@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 use crate::{exchange::Exchange, golden::sorted};
 
-/// What Grbl says at power-up, and what follows if it is locked.
+/// Grbl's output at power-up, and the lines after it when Grbl is locked.
 const WELCOME: [&str; 2] = ["", "Grbl 1.1h ['$' for help]"];
 const LOCKED_MESSAGE: &str = "[MSG:'$H'|'$X' to unlock]";
 

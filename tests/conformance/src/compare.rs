@@ -68,7 +68,7 @@ pub(super) fn compare(run: &Run, played: &Played, traits: &Traits) -> Vec<Differ
     found
 }
 
-/// What excuses the consequences of answers that differ: those are all by design themselves.
+/// What excuses the consequences of different answers: the differences themselves are all by design.
 pub(super) fn follows_from_answers(answers: &[Difference]) -> Option<Deviation> {
     let changes_state = answers.iter().any(|found| {
         found

@@ -9,8 +9,8 @@ use serde::{Serialize, Serializer};
 pub(crate) struct Row {
     /// Its short name.
     pub(crate) id: &'static str,
-    /// Whether a line is executed that Grbl refuses, or the other way round, so that what follows
-    /// differs too.
+    /// Whether a line is executed that Grbl refuses, or the other way round, so that the exchange differs from there
+    /// on.
     pub(crate) has_consequences: bool,
     /// What Leadscrew does.
     pub(crate) text: &'static str,

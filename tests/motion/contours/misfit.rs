@@ -5,7 +5,7 @@ use super::{
     job::{FINE_SAMPLES, Job},
 };
 
-/// What makes a job one that the tool does not fit.
+/// Why the tool does not fit a job.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Misfit {
     /// The entry is not longer than the radius.

@@ -16,7 +16,7 @@ pub(crate) enum Action {
     Reports(u8, u8),
     /// The same with a bit of one of its bytes changed on the way, the line feed among them.
     DamagedLine { text: String, byte: usize, bit: u8 },
-    /// The same with one of its bytes damaged so that the receiver sees it, and drops it.
+    /// The same with a byte damaged in a way that the receiver notices: the byte is dropped.
     LossyLine { text: String, byte: usize },
     /// The line from the sender is low, ms.
     Break(u32),

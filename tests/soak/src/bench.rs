@@ -126,11 +126,11 @@ pub(crate) struct Bench {
     answers: u64,
     /// Errors and alarms since power-up.
     refusals: u32,
-    /// The lines among them that have lost bytes, whether the one that is coming has, and how many bytes were lost.
+    /// The received lines that have lost bytes, whether the incoming line has lost bytes, and the number of lost bytes.
     lossy_lines: BTreeSet<u64>,
     has_lost: bool,
     lost: u32,
-    /// The lines among them that are jogs, and whether the one that is coming is.
+    /// The received lines that are jogs, and whether the incoming line is a jog.
     jogs: BTreeSet<u64>,
     is_jog: bool,
     resets: u32,

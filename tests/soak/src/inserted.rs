@@ -75,8 +75,8 @@ impl Sources {
         }
     }
 
-    /// Copies what Git does not ignore. A file that is the same keeps its time, so that it is not compiled again. The copy lies
-    /// in the project, whose own configuration Cargo reads as well: arguments of the linker would come twice.
+    /// Copies what Git does not ignore. An unchanged file keeps its time, so that it is not compiled again. The copy
+    /// lies in the project, whose own configuration Cargo reads as well: arguments of the linker would come twice.
     fn restore(&self) -> Result<()> {
         let root = cargo::root();
         let listed = Command::new("git")

@@ -34,7 +34,7 @@ pub(crate) fn on_in_state(simulator: &Simulator, outputs: Outputs) -> Option<&'s
 }
 
 /// Panics if a machine at rest, whose lines are all answered, has not switched what is programmed. In an alarm
-/// `stays_on` tells whether it is one that switches nothing off.
+/// `stays_on` tells whether this alarm switches nothing off.
 pub(crate) fn check_at_rest(simulator: &Simulator, outputs: Outputs, stays_on: bool) {
     let snapshot = simulator.snapshot();
     match snapshot.state {

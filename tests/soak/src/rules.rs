@@ -23,7 +23,7 @@ pub(crate) struct MotionRules {
     steps: Axes<i32>,
     /// The newest steps of each motor, as many as fit a window at the greatest speed.
     newest: [VecDeque<u64>; AXES],
-    /// How many those are: with one more that lies at the border of the window.
+    /// Number of these steps, including a step at the border of the window.
     steps_in_window: [usize; AXES],
 }
 

@@ -1,4 +1,4 @@
-//! Histories from seeds, one after the other, and the shortest one that breaks a rule.
+//! Histories from seeds, one after the other, and the shortest history that breaks a rule.
 
 use std::{
     cell::Cell,

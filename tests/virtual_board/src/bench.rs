@@ -58,7 +58,7 @@ impl Bench {
         self.board.memory(self.axes).flash_start
     }
 
-    /// Handlers of the chip's interrupts by number, with their names: those that are not the one of all others.
+    /// Handlers of the chip's interrupts by number, with their names: all but the default handler.
     pub(crate) fn handlers(&self) -> BTreeMap<usize, (u64, String)> {
         let vectors = (0..bootloader::MOST_INTERRUPTS).map_while(|number| {
             let at = u64::from(self.vectors()) + 64 + 4 * number as u64;

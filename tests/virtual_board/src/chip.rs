@@ -2,7 +2,7 @@
 //! board's chip, and with what they lack.
 //!
 //! The chips of the family have one set of peripherals, of which each has a part; RM0383 and RM0390 repeat the
-//! chapters. What a chip lacks has no model here, so that an access to it is reported.
+//! chapters. A peripheral that a chip lacks has no model here, so each access to it is reported.
 
 mod capture;
 mod exti;

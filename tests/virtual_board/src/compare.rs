@@ -246,7 +246,7 @@ fn lines(wiring: &Wiring, machine: &mut Machine) -> Vec<String> {
     faults
 }
 
-/// The pins of the board's file, each with what it is and what it should be.
+/// The pins of the board's file, each with its function and the expected mode.
 fn expected(wiring: &Wiring) -> BTreeMap<Pin, (String, Mode)> {
     let mut all: BTreeMap<Pin, (String, Mode)> = BTreeMap::new();
     let outputs = outputs(wiring).into_iter();
@@ -290,7 +290,7 @@ fn expected(wiring: &Wiring) -> BTreeMap<Pin, (String, Mode)> {
     all
 }
 
-/// The outputs, each with what it is and whether it is high at rest.
+/// The outputs, each with its function and its level at rest, true if high.
 fn outputs(wiring: &Wiring) -> Vec<(Pin, &'static str, bool)> {
     let motors = wiring.step.iter().chain(&wiring.direction);
     let coils = wiring.phases.as_flattened().iter();

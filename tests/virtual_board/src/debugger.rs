@@ -18,7 +18,7 @@ pub(crate) enum Probe {
     Write(u32, u32),
 }
 
-/// Connects to a core that runs, which halts it, and lets it go on.
+/// Connects to a running core, which halts the core, and lets it go on.
 pub(crate) fn probe(address: SocketAddr, probe: Probe) -> JoinHandle<Result<Vec<u32>>> {
     thread::spawn(move || {
         let mut connection = Connection(BufReader::new(TcpStream::connect(address)?));

@@ -14,7 +14,7 @@ const BITS: u8 = 8;
 enum Mode {
     /// It waits for a start.
     Deselected,
-    /// It takes the byte that selects it.
+    /// The EEPROM takes the byte that selects it.
     Selecting,
     AddressHigh,
     AddressLow,

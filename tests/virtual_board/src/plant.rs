@@ -1,5 +1,5 @@
-//! The plant, what is wired to a board: motors that follow the steps, switches that follow the motors, a probe, the
-//! EEPROM, and a record of what each output does.
+//! The plant wired to a board: motors that follow the steps, switches that follow the motors, a probe, the EEPROM, and
+//! a record of each output.
 
 use board_data::{Input, Pin, SignedPin, Wiring};
 use rigless::{device::Level, time::VirtualNanos};

@@ -1,4 +1,4 @@
-//! The rehearsal of a board: what its firmware does from power-up on, and what it does when something is wrong.
+//! The rehearsal of a board: its firmware from power-up on, and when something is wrong.
 
 use std::{
     path::{Path, PathBuf},
@@ -118,8 +118,8 @@ const MOVE_ALL_THE_SAME: &[u8] = b"$X\nG91G1X1F600\n";
 /// The internal oscillator, MHz.
 const HSI_MHZ: u64 = 16;
 
-/// The images that a board is rehearsed with: the firmware, as its ELF file says or as a bootloader takes it, what the
-/// chip's maker has written, and the bootloaders.
+/// The images that a board is rehearsed with: the firmware from its ELF file or as taken by a bootloader, the data
+/// written by the chip's maker, and the bootloaders.
 pub(crate) fn images(bench: &Bench, elf: &Path, file: Option<&Path>) -> Result<Vec<Image>> {
     let vectors = bench.vectors();
     let firmware = match file {

@@ -89,7 +89,7 @@ pub(crate) struct Run {
     current: Option<(Act, VirtualNanos)>,
     /// The next request of a report.
     poll_at: VirtualNanos,
-    /// Lines that are still to be streamed, and the bytes of those that are not answered.
+    /// Lines still to be streamed, and the bytes of unanswered lines.
     pending: VecDeque<String>,
     in_flight: VecDeque<usize>,
     probe: Option<JoinHandle<Result<Vec<u32>>>>,
@@ -103,7 +103,7 @@ pub(crate) struct Run {
     handlers: Vec<u64>,
     is_initialised: bool,
     cut_after: usize,
-    /// Where the count of what is stored has begun, and what it was; settings that were listed.
+    /// Where the count of stored records has begun, and the count; listed settings.
     counted_from: Option<usize>,
     counted: usize,
     remembered: Vec<String>,

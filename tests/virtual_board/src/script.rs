@@ -1,4 +1,4 @@
-//! What a sender and a hand at the machine do, one after the other, and what must have come of it.
+//! The actions of a sender and of a hand at the machine, one after the other, and the expected results.
 
 use std::path::PathBuf;
 
@@ -6,8 +6,8 @@ use board_data::{Board, Input};
 
 use crate::{chip::FittedParts, plant::Closes};
 
-/// Something that is done or looked at. Where it waits for something that does not come, what follows in its case is
-/// left out.
+/// Something that is done or looked at. After a wait for something that does not come, the rest of the case is left
+/// out.
 #[derive(Debug, Clone)]
 pub(crate) enum Act {
     /// A part of the report begins.
@@ -105,7 +105,7 @@ pub(crate) enum Wanted {
     No(&'static str),
     /// Resets of the chip by these causes.
     Resets(&'static [&'static str]),
-    /// The settings that are listed are those that were remembered, but one.
+    /// The listed settings equal the remembered ones, but for this setting.
     Remembered(&'static str),
     /// The supply was cut.
     Cut,

@@ -11,8 +11,8 @@ const KNOWN: [(&str, &str, &str); 0] = [];
 /// What models say of registers that is no fault of the firmware: instance, register, and why.
 const HARMLESS: [(&str, &str, &str); 0] = [];
 
-/// What a run has touched that no model answers for, what was refused, and what models complain of, each with the first
-/// instruction where that is known.
+/// The accesses of a run without a model, the refused accesses, and the complaints of models, each with the first
+/// instruction where it is known.
 pub(crate) fn of(session: &Session<Machine>) -> Vec<(String, Option<u64>)> {
     let is_listed = |list: &[(&str, &str, &str)], instance: &str, register: &str| {
         let mut list = list.iter();

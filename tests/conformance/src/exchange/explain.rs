@@ -152,7 +152,7 @@ impl<'a> LineComparison<'a> {
         refused_by_us.then_some((Deviation::HomingOnSwitch, home))
     }
 
-    /// The step in which Grbl took a limit switch that opened for one that closed.
+    /// The step in which Grbl took the opening of a limit switch for its closing.
     fn opened_limit(&self, step: usize) -> Option<usize> {
         (0..=step).find(|index| {
             let opens = self

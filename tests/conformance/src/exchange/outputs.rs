@@ -13,7 +13,7 @@ const GRBL_SEGMENTS_S: f64 = 0.06;
 /// How far two PWM values may be apart, of 255.
 const PWM_SAME: i64 = 1;
 
-/// A level over time: when it begins, and what it is.
+/// A level over time: when each level begins, and the level.
 type Levels = Vec<(f64, i64)>;
 
 /// A signal's levels.

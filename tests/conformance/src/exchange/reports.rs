@@ -22,8 +22,8 @@ struct Comparison<'a> {
     exchange: &'a Exchange,
     played: &'a Played,
     stops: &'a Stops,
-    /// Grbl's count of reports is another than ours: it did not send one, or the machine was busy
-    /// for one of the two and idle for the other.
+    /// Grbl's count of reports differs from ours: Grbl left a report out, or the machine was busy for one of the two
+    /// and idle for the other.
     is_count_off: bool,
     /// When the report before was sent, in our time.
     since_s: f64,

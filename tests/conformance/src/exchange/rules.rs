@@ -6,8 +6,7 @@ use super::{received::ReceivedLine, status::numbers};
 use crate::deviation::Deviation;
 use simulation::sender;
 
-/// Whether two lines differ as those of two machines that are in different places or, one of them,
-/// locked.
+/// Whether two lines differ because the two machines are in different places or one machine is locked.
 pub(super) fn is_consequence(ours: &str, theirs: &str) -> bool {
     let is_lock = |text: &str| ["ok", "error:9", "error:8"].contains(&text);
     let is_list =
@@ -18,7 +17,7 @@ pub(super) fn is_consequence(ours: &str, theirs: &str) -> bool {
         || (is_optional(ours) && is_optional(theirs))
 }
 
-/// How far the coordinates of two messages of one kind are apart, mm; in inches, what that is.
+/// The difference of the coordinates of two messages of one kind, mm, also where they are in inches.
 pub(super) fn displacement(ours: &str, theirs: &str) -> Option<Vec<f64>> {
     let read = |text: &str| -> Option<(String, Vec<f64>, f64)> {
         let (name, rest) = text.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
@@ -127,7 +126,7 @@ pub(super) fn of_dollar(line: &str, our: &ReceivedLine) -> Option<Deviation> {
     (is_unknown && line.starts_with("$N") && !exists).then_some(Deviation::StartupLines)
 }
 
-/// Whether a `$` statement gives a setting a number that it cannot have as it is written.
+/// Whether a `$` statement gives a setting a number that the setting cannot store as written.
 fn is_setting_cut(line: &str) -> bool {
     let statement = line.strip_prefix('$').map(|it| it.trim_start_matches('N'));
     let Some((number, value)) = statement.and_then(|statement| statement.split_once('=')) else {

@@ -116,7 +116,7 @@ impl Stops {
         if allowed == 0.0 || length > allowed + step_mm {
             return false;
         }
-        // Along the path of one of them, up to what an arc bends on that way.
+        // Along the path of a stop, up to the bend of an arc over this length.
         let slack = step_mm * 2.0 + length * 0.1;
         self.active(own_s).any(|stop| {
             let along: f64 = (displacement.iter().zip(&stop.direction))

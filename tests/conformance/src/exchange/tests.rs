@@ -11,7 +11,7 @@ fn recorded(json: &str) -> Value {
     session::recorded(json).unwrap()
 }
 
-/// A move, two reports in it and one after it, with times.
+/// A move with two reports during the motion and one after the end, with times.
 fn moved() -> Value {
     recorded(
         r#"{"id": "moved", "settings_set": "fast", "transcript": [{"boot": true},

@@ -60,8 +60,8 @@ impl Bench {
         }
     }
 
-    /// Checks that a stored record that is not old is new: the same line changes nothing when sent again, in the units in
-    /// which it was sent.
+    /// Checks that a stored record other than the old record is the new one: the same line changes nothing when sent
+    /// again, in the same units.
     fn check_stored_by_line(
         &mut self,
         old: Option<&(Stored, ToolTable)>,
@@ -90,7 +90,7 @@ impl Bench {
     }
 }
 
-/// Whether each record is one of those that may be stored.
+/// Whether each record is in a state that may be stored.
 fn are_records_of(stored: &(Stored, ToolTable), all: &[(Stored, ToolTable)]) -> bool {
     let any = |is_same: &dyn Fn(&Stored, &ToolTable) -> bool| {
         all.iter().any(|(stored, tools)| is_same(stored, tools))

@@ -237,8 +237,8 @@ fn sessions(input: &[u8]) {
     assert_eq!(simulator.late(), 0, "late events");
 }
 
-/// What lines store, up to a byte 0; behind it, bytes that are changed: two of the place, and the new one. A
-/// machine with it is switched on, answers, and stores a setting.
+/// Lines that store something, up to a byte 0, and changed bytes of the flash: two bytes of the place, and the new
+/// byte. A machine with this flash is switched on, answers, and stores a setting.
 fn flash(input: &[u8]) {
     let end = input
         .iter()

@@ -18,8 +18,8 @@ use super::{
 /// The table of faults.
 pub(super) const TABLE: &str = "tests/faults.toml";
 
-/// What checks begin with that look at how the sources are written, at the texts of [`TABLE`] in them, or at faults of
-/// their own: a fault is found by what it does.
+/// The beginnings of the names of checks that read how the sources are written, find the texts of [`TABLE`], or have
+/// faults of their own: a fault is to be found by its effect.
 const NOT_OF_WHAT_IT_DOES: [&str; 5] = [
     "formatting",
     "lints",
