@@ -367,12 +367,12 @@ impl Decimal {
     #[inline(never)]
     fn scaled_down(self, factor: i32, excess: u8) -> i64 {
         let factor = i64::from(factor);
-        let (whole, rest) = divide(self.mantissa, excess);
+        let (whole, remainder) = divide(self.mantissa, excess);
         let half = i64::from(power(excess)) / 2;
         let half = if self.mantissa < 0 { -half } else { half };
         whole
             .saturating_mul(factor)
-            .saturating_add(divide(rest * factor + half, excess).0)
+            .saturating_add(divide(remainder * factor + half, excess).0)
             .clamp(-Self::CONVERSION_LIMIT, Self::CONVERSION_LIMIT)
     }
 
@@ -426,8 +426,8 @@ impl Decimal {
     pub fn hundredths(self) -> Option<i64> {
         match self.decimals.checked_sub(2) {
             Some(excess) => {
-                let (whole, rest) = divide(self.mantissa, excess);
-                (rest == 0).then_some(whole)
+                let (whole, remainder) = divide(self.mantissa, excess);
+                (remainder == 0).then_some(whole)
             }
             None => Some(self.scaled(1, 2)),
         }

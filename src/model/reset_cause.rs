@@ -44,8 +44,8 @@ impl ResetCause {
     /// Returns the cause of a reset from the fault recorded before the reset, if any, and from the flags of the chip.
     /// Several flags may be set: the reset pin moves in each reset, and power that is switched on is a low supply.
     #[must_use]
-    pub fn of(recorded: Option<Self>, is_said: impl Fn(Self) -> bool) -> Self {
-        /// What the chip says besides [`Self::Power`], the most special first.
+    pub fn of(recorded: Option<Self>, is_flagged: impl Fn(Self) -> bool) -> Self {
+        /// What the flags of the chip show besides [`Self::Power`], the most special first.
         const BY_PRECEDENCE: [ResetCause; 4] = [
             ResetCause::Watchdog,
             ResetCause::Supply,
@@ -53,11 +53,11 @@ impl ResetCause {
             ResetCause::Pin,
         ];
         // Memory that has had no power is no record.
-        if is_said(Self::Power) {
+        if is_flagged(Self::Power) {
             return Self::Power;
         }
         recorded
-            .or_else(|| BY_PRECEDENCE.into_iter().find(|cause| is_said(*cause)))
+            .or_else(|| BY_PRECEDENCE.into_iter().find(|cause| is_flagged(*cause)))
             .unwrap_or_default()
     }
 
@@ -97,10 +97,10 @@ impl ResetCause {
 mod tests {
     use super::*;
 
-    /// The cause where the chip says these, and the reset pin.
-    fn cause(said: &[ResetCause], recorded: Option<ResetCause>) -> ResetCause {
+    /// The cause where the chip flags these, and the reset pin.
+    fn cause(flags: &[ResetCause], recorded: Option<ResetCause>) -> ResetCause {
         ResetCause::of(recorded, |cause| {
-            said.contains(&cause) || cause == ResetCause::Pin
+            flags.contains(&cause) || cause == ResetCause::Pin
         })
     }
 
@@ -108,14 +108,14 @@ mod tests {
     fn power_is_told_before_a_record_and_a_record_before_what_the_chip_says() {
         let all = &ResetCause::ALL;
         assert_eq!(cause(all, Some(ResetCause::Panic)), ResetCause::Power);
-        for said in [
+        for flag in [
             ResetCause::Pin,
             ResetCause::Software,
             ResetCause::Supply,
             ResetCause::Watchdog,
         ] {
-            assert_eq!(cause(&[said], None), said);
-            assert_eq!(cause(&[said], Some(ResetCause::Panic)), ResetCause::Panic);
+            assert_eq!(cause(&[flag], None), flag);
+            assert_eq!(cause(&[flag], Some(ResetCause::Panic)), ResetCause::Panic);
         }
         assert_eq!(ResetCause::of(None, |_| false), ResetCause::Power);
     }
@@ -123,7 +123,7 @@ mod tests {
     #[test]
     fn a_supply_that_falls_without_being_switched_off_locks_the_machine() {
         let fallen = [ResetCause::Supply];
-        let is_locked = |said: &[ResetCause]| cause(said, None).alarm().is_some();
+        let is_locked = |flags: &[ResetCause]| cause(flags, None).alarm().is_some();
         assert!(is_locked(&fallen));
         assert!(!is_locked(&[ResetCause::Power, ResetCause::Supply]));
     }

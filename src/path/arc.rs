@@ -110,10 +110,10 @@ impl Arc {
         let turns = libm::floor((self.sweep - first) / turn);
         let (start_radius, growth) = (self.radius[0], self.growth());
         let extreme = |angle: f64| {
-            let beside = libm::atan2(growth, start_radius + growth * angle);
-            let angle = angle + beside;
+            let shift = libm::atan2(growth, start_radius + growth * angle);
+            let angle = angle + shift;
             let is_on_arc = angle * turn >= 0.0 && (self.sweep - angle) * turn >= 0.0;
-            is_on_arc.then(|| (start_radius + growth * angle) * libm::cos(beside))
+            is_on_arc.then(|| (start_radius + growth * angle) * libm::cos(shift))
         };
         // The radius is monotonic: the extreme is that of the first turn or of the last one.
         match (extreme(first), extreme(first + turns * turn)) {
@@ -136,17 +136,17 @@ impl Arc {
                 ahead += TAU;
             }
             // On a spiral it lies beside the direction, see `extreme_mm`.
-            let beside = |ahead: f64| {
+            let extreme = |ahead: f64| {
                 let radius = self.radius[0] + self.growth() * ahead * sense;
                 ahead + sense * libm::atan2(self.growth(), radius)
             };
             let is_far = |angle: f64| {
                 angle >= PI || self.tightest_mm() * (1.0 - libm::cos(angle)) >= LEAST_TRAVEL_MM
             };
-            if ahead < PI && !is_far(beside(ahead).max(0.0)) {
+            if ahead < PI && !is_far(extreme(ahead).max(0.0)) {
                 ahead += TAU;
             }
-            let angle = beside(ahead);
+            let angle = extreme(ahead);
             let left = libm::fabs(self.sweep) - angle;
             let is_nearer = first.is_none_or(|first| angle < first);
             if left > 0.0 && is_far(left) && is_nearer {

@@ -4,7 +4,7 @@
 //! until the next is known, and everything in between waits behind the move:
 //!
 //! ```text
-//!  commands ──▶ waiting move ── up to MAX_ENTRIES_BEHIND entries ──▶ released, with the corner ──▶ output
+//!  commands ──▶ waiting move ── up to MAX_QUEUED entries ──▶ released, with the corner ──▶ output
 //! ```
 //!
 //! A move is planned by [`Compensator::plan`], which may find that the cutter does not fit and changes
@@ -32,7 +32,7 @@ use crate::{
 };
 
 /// Most entries that wait behind a move: error 207 for more.
-const MAX_ENTRIES_BEHIND: usize = 16;
+const MAX_QUEUED: usize = 16;
 
 /// Why a move cannot be compensated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,9 +43,9 @@ pub enum Misfit {
     Reach,
 }
 
-/// What waits behind a move.
+/// An entry that waits behind a move.
 #[derive(Debug, Clone, Copy)]
-enum Behind {
+enum Queued {
     /// A move at the corner.
     Depth(Axes<Nm>, FeedRate, u32),
     Power(Laser),
@@ -67,7 +67,7 @@ pub struct Compensator {
     /// The end of all moves: that of the waiting one is not shortened.
     end: Axes<Nm>,
     waiting: Option<CutterMove>,
-    behind: Deque<Behind, MAX_ENTRIES_BEHIND>,
+    queued: Deque<Queued, MAX_QUEUED>,
     /// The path control of what waits, and of what was pushed last.
     control: PathControl,
     pushed_control: PathControl,
@@ -86,7 +86,7 @@ impl Compensator {
             plan: None,
             end: Axes::all(Nm(0)),
             waiting: None,
-            behind: Deque::new(),
+            queued: Deque::new(),
             control: PathControl::ExactPath,
             pushed_control: PathControl::ExactPath,
             is_released: false,
@@ -99,7 +99,7 @@ impl Compensator {
     pub fn clear(&mut self) {
         self.plan = None;
         self.waiting = None;
-        self.behind.clear();
+        self.queued.clear();
         self.is_released = false;
         self.around = None;
         self.next = None;
@@ -115,13 +115,13 @@ impl Compensator {
     #[must_use]
     pub fn room(&self, control: PathControl) -> usize {
         let changes = usize::from(control != self.pushed_control);
-        (MAX_ENTRIES_BEHIND - self.behind.len()).saturating_sub(changes)
+        (MAX_QUEUED - self.queued.len()).saturating_sub(changes)
     }
 
     /// Returns the path control of the next command that is released.
     #[must_use]
     pub fn control(&self) -> PathControl {
-        if self.waiting.is_some() || !self.behind.is_empty() {
+        if self.waiting.is_some() || !self.queued.is_empty() {
             self.control
         } else {
             self.pushed_control
@@ -167,7 +167,7 @@ impl Compensator {
     /// Adds a command under a path control: the planned move, a move of other axes, or anything else. What
     /// was released before has been dequeued.
     pub fn push(&mut self, command: &Command, control: PathControl) {
-        let behind = match *command {
+        let entry = match *command {
             Command::Line {
                 target,
                 feed_rate,
@@ -185,15 +185,15 @@ impl Compensator {
                 }
                 let end = self.in_place(&target.position);
                 self.end = end;
-                Behind::Depth(end, feed_rate, line)
+                Queued::Depth(end, feed_rate, line)
             }
-            Command::Power(laser) => Behind::Power(laser),
-            Command::Dwell { milliseconds } => Behind::Dwell(milliseconds),
-            Command::Spindle { spindle, rpm } => Behind::Spindle(spindle, rpm),
-            Command::Speed(rpm) => Behind::Speed(rpm),
-            Command::Coolant(coolant) => Behind::Coolant(coolant),
-            Command::Overrides(switches) => Behind::Overrides(switches),
-            Command::Pause => Behind::Pause,
+            Command::Power(laser) => Queued::Power(laser),
+            Command::Dwell { milliseconds } => Queued::Dwell(milliseconds),
+            Command::Spindle { spindle, rpm } => Queued::Spindle(spindle, rpm),
+            Command::Speed(rpm) => Queued::Speed(rpm),
+            Command::Coolant(coolant) => Queued::Coolant(coolant),
+            Command::Overrides(switches) => Queued::Overrides(switches),
+            Command::Pause => Queued::Pause,
             // Refused while compensation is on.
             Command::Probe { .. } | Command::ReverseTap { .. } | Command::ToolPause => return,
         };
@@ -201,10 +201,10 @@ impl Compensator {
         if self.waiting.is_none() {
             self.control = control;
         } else if control != self.pushed_control {
-            is_full = self.behind.push_back(Behind::Control(control)).is_err();
+            is_full = self.queued.push_back(Queued::Control(control)).is_err();
         }
         self.pushed_control = control;
-        is_full |= self.behind.push_back(behind).is_err();
+        is_full |= self.queued.push_back(entry).is_err();
         debug_assert!(!is_full, "no more than `room` are pushed");
         self.is_released |= self.waiting.is_none();
     }
@@ -255,8 +255,8 @@ impl Compensator {
                 arc.sweep = sweep;
             }
         }
-        for behind in &mut self.behind {
-            if let Behind::Depth(position, ..) = behind {
+        for entry in &mut self.queued {
+            if let Queued::Depth(position, ..) = entry {
                 place(position);
             }
         }
@@ -265,7 +265,7 @@ impl Compensator {
 
     /// Releases everything: the waiting move goes to its end.
     pub fn release(&mut self) {
-        self.is_released = self.waiting.is_some() || !self.behind.is_empty();
+        self.is_released = self.waiting.is_some() || !self.queued.is_empty();
     }
 
     /// Lets the next move wait when everything before it has been dequeued, and changes the path control
@@ -273,14 +273,14 @@ impl Compensator {
     fn settle(&mut self) {
         if self.is_released
             && self.waiting.is_none()
-            && let Some(Behind::Control(control)) = self.behind.front()
+            && let Some(Queued::Control(control)) = self.queued.front()
         {
             self.control = *control;
-            self.behind.pop_front();
+            self.queued.pop_front();
         }
         if self.is_released
             && self.waiting.is_none()
-            && self.behind.is_empty()
+            && self.queued.is_empty()
             && self.around.is_none()
         {
             self.waiting = self.next.take();
@@ -298,8 +298,8 @@ impl Compensator {
         if let Some(waiting) = &self.waiting {
             return Some(waiting.command(self.plane));
         }
-        match self.behind.front() {
-            Some(behind) => behind.command(),
+        match self.queued.front() {
+            Some(entry) => entry.command(),
             None => self
                 .around
                 .as_ref()
@@ -309,7 +309,7 @@ impl Compensator {
 
     /// Removes the next command that is released.
     pub fn dequeue(&mut self) {
-        if self.waiting.take().is_none() && self.behind.pop_front().is_none() {
+        if self.waiting.take().is_none() && self.queued.pop_front().is_none() {
             self.around = None;
         }
         self.settle();
@@ -320,13 +320,13 @@ impl Compensator {
     pub fn leaves_travel(&self, settings: &Settings) -> bool {
         let leaves =
             |one: &CutterMove| leaves_travel(settings, &one.start, &one.command(self.plane));
-        let leaves_behind = |behind: &Behind| {
-            let command = behind.command();
+        let entry_leaves = |entry: &Queued| {
+            let command = entry.command();
             command.is_some_and(|command| leaves_travel(settings, &self.end, &command))
         };
         self.is_released
             && (self.waiting.as_ref().is_some_and(leaves)
-                || self.behind.iter().any(leaves_behind)
+                || self.queued.iter().any(entry_leaves)
                 || self.around.as_ref().is_some_and(leaves))
     }
 
@@ -339,10 +339,10 @@ impl Compensator {
         let of = |one: &CutterMove| {
             OutsideTravel::on_path(settings, &one.start, &one.command(self.plane))
         };
-        let mut behind = self.behind.iter().filter_map(Behind::command);
+        let mut queued = self.queued.iter().filter_map(Queued::command);
         let waiting = self.waiting.as_ref().and_then(of);
         waiting
-            .or_else(|| behind.find_map(|one| OutsideTravel::on_path(settings, &self.end, &one)))
+            .or_else(|| queued.find_map(|one| OutsideTravel::on_path(settings, &self.end, &one)))
             .or_else(|| self.around.as_ref().and_then(of))
     }
 
@@ -359,7 +359,7 @@ impl Default for Compensator {
     }
 }
 
-impl Behind {
+impl Queued {
     /// Returns the command; `None` for a change of the path control alone.
     fn command(&self) -> Option<Command> {
         Some(match *self {

@@ -524,17 +524,17 @@ mod tests {
                 assert_eq!(reader.waiting_before(mark), kept);
                 assert_eq!(reader.has_line_end(kept, 15), kept <= END);
                 assert!(!reader.has_line_end(kept, END));
-                let mut behind = std::vec::Vec::new();
+                let mut taken = std::vec::Vec::new();
                 reader.take_behind(kept, |byte| {
-                    behind.push(byte);
+                    taken.push(byte);
                     byte == line_end
                 });
                 let end = if kept <= END { END + 1 } else { 15 };
                 let expected = |numbers: core::ops::Range<usize>| numbers.map(byte);
-                assert!(behind.into_iter().eq(expected(kept..end)));
-                let rest = expected(0..kept).chain(expected(end..15));
+                assert!(taken.into_iter().eq(expected(kept..end)));
+                let others = expected(0..kept).chain(expected(end..15));
                 let left = core::iter::from_fn(|| reader.dequeue());
-                assert!(left.eq(rest), "{begin} {kept}");
+                assert!(left.eq(others), "{begin} {kept}");
             }
         }
     }
@@ -556,8 +556,8 @@ mod tests {
                 let end = reader.oldest() + 6;
                 let place = reader.oldest() + 3;
                 let moved = reader.remove(0, end, place);
-                let behind = (3..6).filter(|index| is_kept(*index)).count();
-                assert_eq!(moved, end - behind, "{pattern:b}");
+                let moved_over = (3..6).filter(|index| is_kept(*index)).count();
+                assert_eq!(moved, end - moved_over, "{pattern:b}");
                 // Those behind the end stay as they are.
                 let left = core::iter::from_fn(|| reader.dequeue());
                 let expected = (0..8).filter(|index| *index >= 6 || is_kept(*index));

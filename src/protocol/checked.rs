@@ -277,7 +277,7 @@ impl<const N: usize> RawLine<N> {
         let line = self.received();
         let blanks = line.iter().take_while(|byte| is_blank(**byte)).count();
         match line.get(blanks..) {
-            Some([b'N' | b'n', rest @ ..]) => match read_number(rest) {
+            Some([b'N' | b'n', tail @ ..]) => match read_number(tail) {
                 Some((number, used)) => (Some(Ok(number)), blanks + 1 + used),
                 None => (Some(Err(NotANumber)), blanks + 1),
             },
@@ -306,8 +306,8 @@ impl<const N: usize> RawLine<N> {
             Some(Ok(number)) => Some(number),
             None => None,
         };
-        if let Some(rest) = has_code(self.words(), b"M110") {
-            return match (set_number(rest), number) {
+        if let Some(tail) = has_code(self.words(), b"M110") {
+            return match (set_number(tail), number) {
                 (Some(Ok(set)), _) if !has_checksum || is_right => Verdict::SetNumber(set),
                 (Some(_), _) => Verdict::Refuse(FailedCheck::Checksum),
                 (None, Some(number)) => Verdict::SetNumber(number),
@@ -421,14 +421,14 @@ fn read_number(text: &[u8]) -> Option<(i32, usize)> {
 /// Returns the words after a code, if the words begin with this code and not with a longer one.
 fn has_code<'a>(words: &'a [u8], code: &[u8]) -> Option<&'a [u8]> {
     let words = words.trim_ascii_start();
-    let (start, rest) = words.split_at_checked(code.len())?;
-    let is_longer = matches!(rest.first(), Some(b'0'..=b'9' | b'.'));
-    (start.eq_ignore_ascii_case(code) && !is_longer).then_some(rest)
+    let (start, tail) = words.split_at_checked(code.len())?;
+    let is_longer = matches!(tail.first(), Some(b'0'..=b'9' | b'.'));
+    (start.eq_ignore_ascii_case(code) && !is_longer).then_some(tail)
 }
 
 /// Reads the `N` of an `M110`, `None` without.
-fn set_number(rest: &[u8]) -> Option<Result<i32, NotANumber>> {
-    match rest.trim_ascii() {
+fn set_number(tail: &[u8]) -> Option<Result<i32, NotANumber>> {
+    match tail.trim_ascii() {
         [b'N' | b'n', number @ ..] => {
             let read = read_number(number).filter(|(_, used)| *used == number.len());
             Some(read.map(|(number, _)| number).ok_or(NotANumber))

@@ -19,7 +19,7 @@ pub(super) struct CheckedLines {
     pub(super) raw: RawLine,
     pub(super) has_ended: bool,
     /// Behind the first byte of what may be a realtime byte in UTF-8.
-    is_behind_lead: bool,
+    follows_lead: bool,
     /// Number of the line's first byte.
     pub(super) start: usize,
     /// Number of the last accepted line.
@@ -34,7 +34,7 @@ impl CheckedLines {
         Self {
             raw: RawLine::new(),
             has_ended: false,
-            is_behind_lead: false,
+            follows_lead: false,
             start: 0,
             last: 0,
             has_begun: false,
@@ -73,7 +73,7 @@ impl CheckedLines {
                 self.start = oldest.wrapping_add(taken);
             }
             taken += 1;
-            if core::mem::take(&mut self.is_behind_lead) {
+            if core::mem::take(&mut self.follows_lead) {
                 if is_utf8_request(byte, self.raw.is_empty()) {
                     continue;
                 }
@@ -96,8 +96,8 @@ impl CheckedLines {
     /// Takes a line in Grbl's words: realtime bytes in UTF-8 are no part of it.
     pub(super) fn take_grbl(&mut self, received: &mut ByteReader<'_>) -> bool {
         self.take(received, received.len(), |lines, byte| {
-            lines.is_behind_lead = byte == LATIN_1_LEAD;
-            lines.is_behind_lead
+            lines.follows_lead = byte == LATIN_1_LEAD;
+            lines.follows_lead
         })
     }
 

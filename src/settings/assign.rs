@@ -28,8 +28,8 @@ pub enum SettingError {
 /// # Errors
 /// `BadNumber` without a number, `BadStatement` without the `=` and for a number with a fraction.
 pub fn numbered(statement: &[u8]) -> Result<(i64, &[u8]), SettingError> {
-    let (number, rest) = Decimal::parse(statement).ok_or(SettingError::BadNumber)?;
-    match rest.split_first() {
+    let (number, tail) = Decimal::parse(statement).ok_or(SettingError::BadNumber)?;
+    match tail.split_first() {
         Some((b'=', text)) if number.is_whole() => Ok((number.trunc(), text)),
         _ => Err(SettingError::BadStatement),
     }
@@ -41,8 +41,8 @@ pub fn numbered(statement: &[u8]) -> Result<(i64, &[u8]), SettingError> {
 /// Every [`SettingError`]; the settings are unchanged then.
 pub fn assign(settings: &mut Settings, statement: &[u8]) -> Result<(), SettingError> {
     let (number, text) = numbered(statement)?;
-    let (value, rest) = Decimal::parse(text).ok_or(SettingError::BadNumber)?;
-    if !rest.is_empty() {
+    let (value, tail) = Decimal::parse(text).ok_or(SettingError::BadNumber)?;
+    if !tail.is_empty() {
         return Err(SettingError::BadStatement);
     }
     let number = u16::try_from(number).map_err(|_| SettingError::BadStatement)?;

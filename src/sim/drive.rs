@@ -69,10 +69,10 @@ pub struct Drive {
     is_edge_pending: bool,
     watches: (BreakDetector, Utf8RequestWatch),
     /// Number of bytes at the last look, and its time.
-    looked_at: usize,
-    looked_time: u64,
+    sampled_bytes: usize,
+    sampled_ticks: u64,
     /// Time of the next look at the line while it is low, ticks.
-    look_due: Option<u64>,
+    line_sample_due: Option<u64>,
 }
 
 impl Drive {
@@ -119,9 +119,9 @@ impl Drive {
             sample_due: None,
             is_edge_pending: false,
             watches: (BreakDetector::new(), Utf8RequestWatch::new()),
-            looked_at: 0,
-            looked_time: 0,
-            look_due: None,
+            sampled_bytes: 0,
+            sampled_ticks: 0,
+            line_sample_due: None,
             inputs,
             entries: Queue::new(),
             events: const { EventRing::new() },
@@ -309,13 +309,13 @@ impl Drive {
 
     /// Returns the time of the next look at the line, ticks.
     #[must_use]
-    pub(super) const fn look_due(&self) -> Option<u64> {
-        self.look_due
+    pub(super) const fn line_sample_due(&self) -> Option<u64> {
+        self.line_sample_due
     }
 
     /// Pulls the line low, or releases it.
     pub(super) fn pull_line(&mut self, low: bool, now: u64) {
-        self.look_due = low.then(|| now + u64::from(TICKS_PER_MS));
+        self.line_sample_due = low.then(|| now + u64::from(TICKS_PER_MS));
         if !low {
             self.watches.0 = BreakDetector::new();
         }
@@ -323,15 +323,15 @@ impl Drive {
 
     /// Looks at the line as `idle` does: once a millisecond while it is low, and otherwise when bytes have come.
     pub(super) fn look_at_line(&mut self, received: ByteCount<'_>, requests: &Requests, now: u64) {
-        let is_due = self.look_due.is_some_and(|due| due <= now);
+        let is_due = self.line_sample_due.is_some_and(|due| due <= now);
         if is_due {
-            self.look_due = Some(now + u64::from(TICKS_PER_MS));
-        } else if received.enqueued() == self.looked_at {
+            self.line_sample_due = Some(now + u64::from(TICKS_PER_MS));
+        } else if received.enqueued() == self.sampled_bytes {
             return;
         }
-        let periods = (now - self.looked_time) / u64::from(TICKS_PER_MS);
-        (self.looked_at, self.looked_time) = (received.enqueued(), now);
-        let is_low = self.look_due.is_some();
+        let periods = (now - self.sampled_ticks) / u64::from(TICKS_PER_MS);
+        (self.sampled_bytes, self.sampled_ticks) = (received.enqueued(), now);
+        let is_low = self.line_sample_due.is_some();
         let (periods, watches) = (periods.min(255) as u8, &mut self.watches);
         tasks::look_at_line(
             is_low,

@@ -132,7 +132,7 @@ impl<const SIZE: usize> Flash<SIZE> {
 
     fn program(&mut self, offset: usize, value: [u8; WORD]) -> Result<(), FlashError> {
         let is_cut = self.begin()?;
-        let cut = if is_cut { self.torn_word() } else { 0 };
+        let torn = if is_cut { self.torn_word() } else { 0 };
         let word = self
             .contents_mut()
             .get_mut(offset..)
@@ -142,7 +142,7 @@ impl<const SIZE: usize> Flash<SIZE> {
         if value & !old != 0 {
             return Err(FlashError::NotErased);
         }
-        *word = (old & (value | cut)).to_le_bytes();
+        *word = (old & (value | torn)).to_le_bytes();
         if is_cut { Err(FlashError::Off) } else { Ok(()) }
     }
 

@@ -31,8 +31,8 @@ impl NumberPlace {
         }
         let first = line.get(at)?.to_ascii_uppercase();
         let is_word = first.is_ascii_uppercase() && first != b'O';
-        let rest = line.get(own.end..)?;
-        let has_another = words(rest).any(|byte| byte.eq_ignore_ascii_case(&b'N'));
+        let tail = line.get(own.end..)?;
+        let has_another = words(tail).any(|byte| byte.eq_ignore_ascii_case(&b'N'));
         (is_word && !has_another).then_some(Self {
             at,
             own,
@@ -41,8 +41,8 @@ impl NumberPlace {
     }
 
     /// Returns where a checked line gets its number: before its G word, which is behind its own number.
-    fn in_checked(line: &[u8], behind: usize) -> Option<Self> {
-        let at = behind + line[behind..].iter().position(|byte| *byte > b' ')?;
+    fn in_checked(line: &[u8], number_end: usize) -> Option<Self> {
+        let at = number_end + line[number_end..].iter().position(|byte| *byte > b' ')?;
         let has_another = words(&line[at..]).any(|byte| byte.eq_ignore_ascii_case(&b'N'));
         let is_g_code = line[at].eq_ignore_ascii_case(&b'G');
         (is_g_code && !has_another).then_some(Self {

@@ -330,7 +330,7 @@ impl Simulator {
             drive.due(),
             drive.sample_due(),
             drive.delay_due(),
-            drive.look_due(),
+            drive.line_sample_due(),
             tick,
         ];
         dues.into_iter().flatten().min()

@@ -23,11 +23,11 @@ pub(crate) const RESET: &[u8] = b"\x18";
 /// What the firmware says as soon as it can take lines.
 pub(crate) const WELCOME: &str = "Grbl 1.1h ['$' for help]";
 
-/// Looks until there is what is waited for, and not something else.
-pub(crate) fn wait_for<T, E: Debug>(mut look: impl FnMut() -> Result<T, E>) -> T {
+/// Polls until the awaited result is there.
+pub(crate) fn wait_for<T, E: Debug>(mut poll: impl FnMut() -> Result<T, E>) -> T {
     let start = Instant::now();
     loop {
-        match look() {
+        match poll() {
             Ok(found) => return found,
             Err(other) => assert!(
                 start.elapsed() < TIMEOUT,

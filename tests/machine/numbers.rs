@@ -444,8 +444,8 @@ fn a_move_that_takes_weeks_is_where_it_should_be_after_minutes() {
         // 1 mm in 35 days.
         machine.send("G93 G1 X1 F0.00002\n");
         for seconds in [100, 1000, 2000] {
-            let rest = seconds - machine.seconds() as u64;
-            machine.run(rest * 1000);
+            let remaining_s = seconds - machine.seconds() as u64;
+            machine.run(remaining_s * 1000);
             let expected = seconds as f64 * 100_000.0 * 0.00002 / 60.0;
             let steps = f64::from(machine.xyz()[0]);
             assert!(

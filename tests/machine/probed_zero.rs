@@ -27,9 +27,9 @@ fn machine(assignments: &[&str]) -> Machine {
 
 /// Returns a list of coordinates, and what stands behind it, of X, Y and Z alone.
 fn of_xyz(values: &str) -> String {
-    let (axes, behind) = values.split_once(':').unwrap_or((values, ""));
+    let (axes, result) = values.split_once(':').unwrap_or((values, ""));
     let axes: Vec<&str> = axes.split(',').take(3).collect();
-    format!("{}:{behind}", axes.join(","))
+    format!("{}:{result}", axes.join(","))
         .trim_end_matches(':')
         .to_owned()
 }
@@ -101,8 +101,8 @@ fn a_second_slow_move_is_nearly_at_the_contact() {
         assert_eq!(machine.ask(line).last().unwrap(), "ok", "{line}");
     }
     // 0.007 mm, in whole steps.
-    let behind = -1250 - machine.xyz()[2];
-    assert!((1..=2).contains(&behind), "{behind}");
+    let overrun = -1250 - machine.xyz()[2];
+    assert!((1..=2).contains(&overrun), "{overrun}");
 }
 
 #[test]

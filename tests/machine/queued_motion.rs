@@ -64,8 +64,8 @@ fn every_kind_of_motion_counts() {
             machine.send(line);
         }
         machine.run(4_000);
-        let behind = 128 - usize::from(machine.snapshot().blocks_free);
-        assert!((2..24).contains(&behind), "{what}: {behind} blocks");
+        let queued = 128 - usize::from(machine.snapshot().blocks_free);
+        assert!((2..24).contains(&queued), "{what}: {queued} blocks");
         assert!(
             !machine.received.contains("error"),
             "{what}: {}",
@@ -164,8 +164,8 @@ fn a_spindle_speed_that_changes_with_the_moves_does_not_end_the_bound() {
         machine.send(format!("G1X1F60S{}\n", 100 + number));
     }
     machine.run(3_500);
-    let behind = 128 - machine.snapshot().blocks_free;
-    assert!((5..8).contains(&behind), "{behind} blocks");
+    let queued = 128 - machine.snapshot().blocks_free;
+    assert!((5..8).contains(&queued), "{queued} blocks");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use leadscrew::{
     model::{Levels, State},
 };
 
-use crate::support::{Machine, behind_speeds};
+use crate::support::{Machine, fields_after_speeds};
 
 /// A machine behind a serial line of 115 200 baud.
 fn on_line(assignments: &[&str]) -> Machine {
@@ -27,7 +27,7 @@ fn report(machine: &mut Machine) -> (Report, f64) {
 /// Sends bytes, and returns what the report after them shows behind the speeds.
 fn extra_after(machine: &mut Machine, bytes: &[u8]) -> String {
     machine.send_for(bytes, 150);
-    behind_speeds(&report(machine).0)
+    fields_after_speeds(&report(machine).0)
 }
 
 /// Takes several reports, at odd times, while the machine is in a state.

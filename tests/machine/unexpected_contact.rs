@@ -43,13 +43,13 @@ fn touch(machine: &mut Machine) {
 }
 
 /// Steps behind the contact.
-fn behind(machine: &Machine) -> i32 {
+fn overrun(machine: &Machine) -> i32 {
     CONTACT - machine.xyz()[2]
 }
 
 #[test]
 fn a_contact_in_another_move_slows_the_machine_down_and_keeps_its_position() {
-    for (line, most_behind) in [
+    for (line, max_overrun) in [
         ("G0 Z-20", 700),
         ("G1 Z-20 F600", 40),
         ("G1 Z-4 F600\nG1 Z-20", 40),
@@ -72,9 +72,9 @@ fn a_contact_in_another_move_slows_the_machine_down_and_keeps_its_position() {
         assert_eq!(answers, STOPPED, "{line}");
         assert_eq!(machine.state(), State::Alarm, "{line}");
         assert!(
-            (1..=most_behind).contains(&behind(&machine)),
+            (1..=max_overrun).contains(&overrun(&machine)),
             "{line}: {}",
-            behind(&machine)
+            overrun(&machine)
         );
         let outputs = machine.outputs();
         assert_eq!(

@@ -283,7 +283,8 @@ fn an_arc_makes_few_steps_and_reverses_seldom_within_a_segment() {
                 .collect();
             assert!(within.len() <= 6, "{} steps of {arc:?}", within.len());
             let reversals = (0..2).map(|axis| {
-                let signs: Vec<_> = { within.iter() }
+                let signs: Vec<_> = within
+                    .iter()
                     .filter(|(of, _)| *of == axis)
                     .map(|(_, step)| step.sign)
                     .collect();

@@ -77,7 +77,8 @@ fn run_at(settings: &Settings, program: &str, baud: u32) -> Recorder {
     let messages = recording.messages.into_iter();
     let (positions, others): (_, Vec<_>) = messages.partition(|(line, ..)| line.starts_with("X:"));
     Recorder {
-        trace: { steps.iter() }
+        trace: steps
+            .iter()
             .map(|steps| [0, 1, 2].map(|axis| steps[axis]))
             .collect(),
         ticks,

@@ -168,8 +168,8 @@ fn happen(machine: &mut Machine, event: &Event) {
     }
 }
 
-/// The operator has the machine come to rest and take lines again.
-fn come_to_rest(machine: &mut Machine) {
+/// The operator has the machine reach standstill and take lines again.
+fn reach_standstill(machine: &mut Machine) {
     for bytes in ["~", "~", "~", "$X\n", "\x18", "$X\n"] {
         machine.run(10_000);
         if machine.state() == State::Idle && machine.is_at_rest() {
@@ -200,7 +200,7 @@ proptest! {
             for event in events {
                 happen(&mut machine, event);
             }
-            come_to_rest(&mut machine);
+            reach_standstill(&mut machine);
             assert_one_position(&machine, &format!("{events:?}"));
         }
     }

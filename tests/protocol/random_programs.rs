@@ -57,8 +57,8 @@ proptest! {
     ) {
         let mut machine = limited();
         let mut is_disturbed = false;
-        for (line, between, rests) in &program {
-            if *rests {
+        for (line, between, stands_still) in &program {
+            if *stands_still {
                 machine.run_to_standstill();
                 machine.lines();
             }
@@ -71,7 +71,7 @@ proptest! {
             let session = machine.session();
             // Realtime bytes may switch the coolant and end a jog.
             is_disturbed |= !matches!(between, None | Some(b'?'));
-            if *rests && !is_disturbed && answers.iter().any(|answer| *answer != "ok") {
+            if *stands_still && !is_disturbed && answers.iter().any(|answer| *answer != "ok") {
                 prop_assert_eq!(changed_by_lines(session), before.0, "{}", line);
                 prop_assert_eq!(session.stored(), &before.1, "{}", line);
             }

@@ -8,7 +8,7 @@ use leadscrew::{
 
 use super::{
     bench::{Bench, WELCOME, answers},
-    support::behind_speeds,
+    support::fields_after_speeds,
 };
 
 #[test]
@@ -37,7 +37,7 @@ fn a_changed_offset_is_reported_at_once() {
         if !line.is_empty() {
             assert_eq!(bench.ask(line), ["ok"], "{line}");
         }
-        behind_speeds(&bench.report())
+        fields_after_speeds(&bench.report())
     };
     for (line, expected) in [
         ("", "WCO:0.000,0.000,0.000"),

@@ -306,8 +306,8 @@ fn e_is_counted_where_it_drives_nothing() {
     let mut machine = reprap();
     let e = |machine: &mut Machine| {
         let position = first(machine, "M114");
-        let (_, rest) = position.split_once(" E:").expect("an E");
-        rest.split_once(' ').expect("a count").0.to_owned()
+        let (_, tail) = position.split_once(" E:").expect("an E");
+        tail.split_once(' ').expect("a count").0.to_owned()
     };
     for (line, position) in [
         ("G1 E2.5", "2.500"),

@@ -20,7 +20,7 @@ pub(crate) const MS: u64 = TICKS_PER_MS as u64;
 const LONGEST_MS: u64 = 30 * 60 * 1000;
 
 /// What a report shows behind the speeds, as it is written.
-pub(crate) fn behind_speeds(report: &Report) -> String {
+pub(crate) fn fields_after_speeds(report: &Report) -> String {
     let names: Vec<_> = report
         .fields
         .iter()

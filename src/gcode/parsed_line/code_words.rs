@@ -51,9 +51,9 @@ impl ParsedLine {
     fn motion_word(&mut self, code: CodeNumber) -> Result<ModalGroup, LineError> {
         // The axis words of `G28` and `G30` are theirs: `G0` and `G1` are only the mode after them.
         let is_mode_only = code.whole <= 1 && matches!(self.non_modal, NonModal::GoTo(_));
-        let is_beside_g49 = self.axis_command == AxisCommand::ToolLength
+        let is_with_g49 = self.axis_command == AxisCommand::ToolLength
             && self.modal.tool_length == ToolLength::None;
-        if self.axis_command == AxisCommand::None || is_beside_g49 {
+        if self.axis_command == AxisCommand::None || is_with_g49 {
             self.axis_command = AxisCommand::Motion;
         } else if !is_mode_only {
             return Err(LineError::AxisCommandConflict);
@@ -97,10 +97,10 @@ impl ParsedLine {
     fn non_modal_word(&mut self, code: CodeNumber) -> Result<ModalGroup, LineError> {
         let uses_axes = matches!(code.whole, 10 | 28 | 30 | 52 | 92) && code.is_whole();
         if uses_axes {
-            let is_beside_mode = matches!(code.whole, 28 | 30)
+            let is_with_mode = matches!(code.whole, 28 | 30)
                 && self.axis_command == AxisCommand::Motion
                 && matches!(self.modal.motion, MotionMode::Rapid | MotionMode::Linear);
-            if self.axis_command != AxisCommand::None && !is_beside_mode {
+            if self.axis_command != AxisCommand::None && !is_with_mode {
                 return Err(LineError::AxisCommandConflict);
             }
             self.axis_command = AxisCommand::NonModal;
@@ -152,10 +152,10 @@ impl ParsedLine {
             return Ok(ModalGroup::ToolLength);
         }
         // `G49` needs no axis words: a motion mode beside it has them.
-        let is_beside_motion = code.whole == 49 && self.has_group(ModalGroup::Motion);
+        let is_with_motion = code.whole == 49 && self.has_group(ModalGroup::Motion);
         if self.axis_command == AxisCommand::None {
             self.axis_command = AxisCommand::ToolLength;
-        } else if !is_beside_motion {
+        } else if !is_with_motion {
             return Err(LineError::AxisCommandConflict);
         }
         self.modal.tool_length = match (code.whole, code.hundredths) {

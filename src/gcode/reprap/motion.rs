@@ -291,15 +291,15 @@ pub(super) fn write_millionths(value: i64, write: &mut impl FnMut(&[u8])) {
     if value < 0 {
         write(b"-");
     }
-    let mut rest = value.unsigned_abs();
+    let mut remainder = value.unsigned_abs();
     let mut has_begun = false;
     for (place, one) in POWERS.into_iter().enumerate() {
         if place == POWERS.len() - 6 {
             write(b".");
         }
         let mut digit = b'0';
-        while rest >= one && digit < b'9' {
-            rest -= one;
+        while remainder >= one && digit < b'9' {
+            remainder -= one;
             digit += 1;
         }
         has_begun |= digit != b'0' || place + 7 >= POWERS.len();

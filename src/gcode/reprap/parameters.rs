@@ -34,9 +34,9 @@ impl<'a> Parameters<'a> {
             self.0 = self.0.trim_ascii_start();
             match self.0 {
                 [b';', ..] => self.0 = &[],
-                [b'(', rest @ ..] => {
-                    let end = rest.iter().position(|byte| *byte == b')');
-                    self.0 = end.map_or(&[], |end| rest.get(end + 1..).unwrap_or_default());
+                [b'(', tail @ ..] => {
+                    let end = tail.iter().position(|byte| *byte == b')');
+                    self.0 = end.map_or(&[], |end| tail.get(end + 1..).unwrap_or_default());
                 }
                 _ => return,
             }
@@ -44,8 +44,8 @@ impl<'a> Parameters<'a> {
     }
 
     fn take(&mut self, n: usize) -> &'a [u8] {
-        let (taken, rest) = self.0.split_at_checked(n).unwrap_or((self.0, &[]));
-        self.0 = rest;
+        let (taken, tail) = self.0.split_at_checked(n).unwrap_or((self.0, &[]));
+        self.0 = tail;
         taken
     }
 
@@ -116,8 +116,8 @@ impl Parameter<'_> {
     /// The value, `None` for what is no number.
     #[must_use]
     pub fn value(&self) -> Option<Decimal> {
-        let (number, rest) = Decimal::parse(self.number)?;
-        rest.is_empty().then_some(number)
+        let (number, tail) = Decimal::parse(self.number)?;
+        tail.is_empty().then_some(number)
     }
 
     /// The number of a code, `None` for what is none.

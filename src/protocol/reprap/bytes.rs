@@ -6,8 +6,8 @@
 //! only taken from bytes that have been looked at.
 //!
 //! A host that sends more than the queue holds loses lines, but no emergency: a line that begins behind [`KEPT_BYTES`]
-//! is read and dropped. A line that goes on behind [`CUT_BYTES`] is cut and refused, so there is always room for the
-//! next bytes.
+//! is read and dropped. A line that goes on behind [`TRUNCATION_BYTES`] is truncated and refused, so there is always
+//! room for the next bytes.
 //!
 //! # Cost
 //! Dropping copies the bytes that stay, less than 1 KiB, and `serial_rx` is as without it. A quarter of
@@ -34,9 +34,9 @@ pub(super) const LOST: u8 = 1;
 const NO_WORD: u8 = 2;
 /// A line that begins behind so many bytes is dropped.
 const KEPT_BYTES: usize = RECEIVED_RING - RECEIVED_RING / 4;
-/// A line that goes on behind so many bytes is cut: longer than those of hosts. What comes in a period of
+/// A line that goes on behind so many bytes is truncated: longer than those of hosts. What comes in a period of
 /// the clock at 115 200 baud finds room behind them, also where no line end releases the task.
-const CUT_BYTES: usize = KEPT_BYTES + RECEIVED_RING / 16;
+const TRUNCATION_BYTES: usize = KEPT_BYTES + RECEIVED_RING / 16;
 
 /// How far the received bytes have been looked at.
 #[derive(Debug, Default)]
@@ -51,7 +51,7 @@ pub(super) struct Scan {
     utf8_request_at: Option<usize>,
     /// The line is being dropped, or its rest.
     is_dropping: bool,
-    is_cut: bool,
+    is_truncated: bool,
     /// Bytes of lines that wait have been replaced by [`TAKEN`].
     has_taken: bool,
 }
@@ -62,7 +62,7 @@ impl Scan {
         self.line.clear();
         self.next = next;
         self.is_dropping = false;
-        self.is_cut = false;
+        self.is_truncated = false;
     }
 
     /// Returns the number of bytes that have been looked at, from the oldest on that waits.
@@ -121,12 +121,12 @@ impl RepRap {
             }
             scan.is_dropping |= scan.line.is_empty() && place >= KEPT_BYTES;
             let is_end = matches!(byte, b'\n' | b'\r');
-            if scan.is_dropping || scan.is_cut && !is_end {
+            if scan.is_dropping || scan.is_truncated && !is_end {
                 received.replace(number, TAKEN);
                 scan.has_taken = true;
-            } else if place >= CUT_BYTES && !is_end {
+            } else if place >= TRUNCATION_BYTES && !is_end {
                 received.replace(number, LOST);
-                scan.is_cut = true;
+                scan.is_truncated = true;
             } else if byte == LOST {
                 received.replace(number, NO_WORD);
             }
@@ -162,7 +162,7 @@ impl RepRap {
         let emergency = scan.line.emergency();
         scan.line.clear();
         scan.is_dropping = false;
-        scan.is_cut = false;
+        scan.is_truncated = false;
         match emergency {
             Some(Emergency::Kill) => self.stop(RestartKind::Killing, session),
             Some(Emergency::Stop) if session.machine.state != State::Alarm => {

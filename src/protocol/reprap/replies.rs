@@ -146,8 +146,8 @@ pub fn echo(text: &mut Text, words: &[u8]) {
     let mut start = "";
     loop {
         (start, words) = match words {
-            [b'E' | b'e', b'1', b' ', rest @ ..] => ("echo:", rest.trim_ascii_start()),
-            [b'A' | b'a', b'1', b' ', rest @ ..] => ("//", rest.trim_ascii_start()),
+            [b'E' | b'e', b'1', b' ', tail @ ..] => ("echo:", tail.trim_ascii_start()),
+            [b'A' | b'a', b'1', b' ', tail @ ..] => ("//", tail.trim_ascii_start()),
             _ => break,
         };
     }

@@ -373,7 +373,7 @@ impl<F: NorFlash> Journal<F> {
             Some(marks) if marks.newest < found => {
                 // Without it, this record would not be missed.
                 let key = survey.newest_key.unwrap_or(GENERATIONS);
-                let _ = self.sectors.mark_behind(marks, key);
+                let _ = self.sectors.append_mark(marks, key);
             }
             Some(marks) => {
                 for missing in (found..marks.newest).rev().take(MARKED_KEYS + 1) {

@@ -173,7 +173,7 @@ impl<F: NorFlash> Sectors<F> {
     }
 
     /// Marks the newest change, in the page of these marks.
-    pub(super) fn mark_behind(&mut self, marks: Marks, key: u8) -> Result<(), F::Error> {
+    pub(super) fn append_mark(&mut self, marks: Marks, key: u8) -> Result<(), F::Error> {
         self.mark_in(marks.sector, key)
     }
 

@@ -386,8 +386,8 @@ fn listed_at_least(line: &str) -> usize {
 /// The answer that a line is to have.
 fn expected(line: &str) -> String {
     let marked = line.split_once(EXPECTED);
-    marked.map_or("ok".into(), |(_, rest)| {
-        format!("error:{}", rest.split(')').next().unwrap_or_default())
+    marked.map_or("ok".into(), |(_, tail)| {
+        format!("error:{}", tail.split(')').next().unwrap_or_default())
     })
 }
 

@@ -198,7 +198,9 @@ const BOARD: &str = "btt-skr-2";
 fn board(file: &Path, overrides: &[String]) -> Result<(Machine, OwnedFd, Settings)> {
     let loaded = settings::load(Some(file), overrides)?;
     let board = firmware::boards::named(BOARD)?;
-    let switches: Vec<_> = { loaded.statements.iter() }
+    let switches: Vec<_> = loaded
+        .statements
+        .iter()
         .map(|it| format!("${it}"))
         .collect();
     let mut command =

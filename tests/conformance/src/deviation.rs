@@ -300,8 +300,8 @@ pub(crate) fn of_operator_message(ours: &str, lines: &[String]) -> Option<Deviat
     let text = ours.strip_prefix("[MSG:")?.strip_suffix(']')?;
     let says = |line: &String| {
         let comment = line.split_once('(').map_or("", |it| it.1);
-        let (kind, rest) = comment.split_once(',').unwrap_or(("MSG", comment));
-        kind.trim().eq_ignore_ascii_case("MSG") && rest.trim().starts_with(text)
+        let (kind, tail) = comment.split_once(',').unwrap_or(("MSG", comment));
+        kind.trim().eq_ignore_ascii_case("MSG") && tail.trim().starts_with(text)
     };
     let is_there = !text.is_empty() && lines.iter().any(says);
     is_there.then_some(Deviation::OperatorMessages)
@@ -406,8 +406,8 @@ fn has_word(code: &str, letter: char, numbers: &[f64]) -> bool {
 /// The numbers of a letter.
 fn numbers_of(code: &str, letter: char) -> impl Iterator<Item = f64> {
     let is_letter = move |other: char| other.to_ascii_uppercase() == letter;
-    code.split(is_letter).skip(1).filter_map(|rest| {
-        let number: String = rest
+    code.split(is_letter).skip(1).filter_map(|tail| {
+        let number: String = tail
             .chars()
             .take_while(|letter| letter.is_ascii_digit() || *letter == '.')
             .collect();

@@ -266,8 +266,8 @@ impl Exchange {
         let resumed = steps
             .iter()
             .rposition(|step| step.sends().contains(&b'~') && step.recv.iter().any(is_restored));
-        let rest = steps.iter().rposition(|step| step.idle.is_some());
-        !self.is_laser() && resumed.is_some() && (rest < resumed || rest == Some(step))
+        let standstill = steps.iter().rposition(|step| step.idle.is_some());
+        !self.is_laser() && resumed.is_some() && (standstill < resumed || standstill == Some(step))
     }
 
     /// Whether a line up to a step has given a spindle another speed, without switching it.
@@ -343,7 +343,7 @@ struct Played {
 /// How long the end of a recording without times waited for standstill, s.
 const END_S: f64 = 3.0;
 /// How long ours waits where Grbl came to rest: an arc's `ok` comes at its beginning here.
-const REST_S: f64 = 120.0;
+const STANDSTILL_S: f64 = 120.0;
 
 impl Played {
     fn of(exchange: &Exchange) -> Result<Self> {
@@ -378,7 +378,7 @@ impl Played {
         if !is_timed {
             let end = exchange.end.as_ref();
             let stands_still = end.is_some_and(|end| end.idle == Some(true));
-            player.wait_for_standstill(if stands_still { REST_S } else { END_S });
+            player.wait_for_standstill(if stands_still { STANDSTILL_S } else { END_S });
         }
         Ok(Self {
             boot: boot.into_iter().map(|(_, text)| text).collect(),

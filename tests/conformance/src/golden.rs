@@ -99,9 +99,9 @@ impl Case {
 
 /// Reads the only model of a probe that the recordings have.
 fn probe_height(model: &str) -> Result<f64> {
-    let height = model.split_once("Z <= ").and_then(|(_, rest)| {
-        let end = rest.find(' ').unwrap_or(rest.len());
-        rest[..end].parse().ok()
+    let height = model.split_once("Z <= ").and_then(|(_, tail)| {
+        let end = tail.find(' ').unwrap_or(tail.len());
+        tail[..end].parse().ok()
     });
     height.with_context(|| format!("{model:?} does not say where the probe closes"))
 }

@@ -15,7 +15,7 @@ pub(super) enum Misfit {
     /// A line is shorter than what a corner at its end takes of it.
     Line,
     /// A line is shorter than the part that a corner at its start removes.
-    Behind,
+    LineAfterCorner,
     /// A line between two corners is shorter than the two parts that the corners remove, and longer than each part.
     Between,
     /// The line after an arc around the tool crosses the path along the arc.
@@ -26,7 +26,7 @@ pub(super) const MISFITS: [Misfit; 6] = [
     Misfit::Entry,
     Misfit::Arc,
     Misfit::Line,
-    Misfit::Behind,
+    Misfit::LineAfterCorner,
     Misfit::Between,
     Misfit::Missed,
 ];
@@ -74,7 +74,7 @@ impl Misfit {
                 job.add_line(turned(corner, angle), 4.0 * radius);
                 last.end()
             }
-            Self::Behind | Self::Between => {
+            Self::LineAfterCorner | Self::Between => {
                 // What is before the first corner is long enough.
                 let first = 0.3 + 1.8 * angle;
                 let [taken, more] = [first, 1.2].map(|angle| radius * (angle / 2.0).tan());
@@ -83,7 +83,7 @@ impl Misfit {
                     return None;
                 }
                 let part = 0.1 + 0.8 * size;
-                if matches!(self, Self::Behind) {
+                if matches!(self, Self::LineAfterCorner) {
                     job.add_line(turned(before, first), taken * part);
                     return Some(tool_path[tool_path.len() - 1].0.end());
                 }

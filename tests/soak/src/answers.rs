@@ -104,8 +104,8 @@ pub(crate) fn is_known_to_hosts(line: &str) -> bool {
 pub(crate) fn is_of_program(line: &str, sent: &[u8]) -> bool {
     let text = line.strip_prefix("[MSG:");
     let text = text.and_then(|it| it.strip_suffix(']')).unwrap_or_default();
-    let behind = sent.splitn(2, |byte| *byte == b'(').nth(1);
-    let mut windows = behind.unwrap_or_default().windows(text.len().max(1));
+    let comment = sent.splitn(2, |byte| *byte == b'(').nth(1);
+    let mut windows = comment.unwrap_or_default().windows(text.len().max(1));
     windows.any(|window| window == text.as_bytes())
 }
 

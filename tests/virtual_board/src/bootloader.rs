@@ -116,9 +116,9 @@ pub(crate) fn image(
     let [_, end] = RAM;
     let mut code = Code::default();
     for (number, state) in (1..).zip(states) {
-        let mut rest = state.code(crystal_mhz, interrupts);
-        rest.jump_to(firmware, end - 0x100);
-        code.select(number, rest);
+        let mut start = state.code(crystal_mhz, interrupts);
+        start.jump_to(firmware, end - 0x100);
+        code.select(number, start);
     }
     code.begin(firmware);
     let path = Path::new("the bootloaders");
@@ -204,14 +204,14 @@ impl Code {
     }
 
     /// Where the selection is a number, runs some code: LDR r0, [r0]; CMP r0, #number; BEQ; B.W over it.
-    fn select(&mut self, number: u16, rest: Self) {
+    fn select(&mut self, number: u16, selected: Self) {
         self.load(0, SELECTION);
-        let skipped = rest.0.len() as u32;
+        let skipped = selected.0.len() as u32;
         self.0.extend([0x6800, 0x2800 | number, 0xD001]);
         // B.W, encoding T4, from its own address and 4.
         self.0.push(0xF000 | (skipped >> 11 & 0x3FF) as u16);
         self.0.push(0xB800 | (skipped & 0x7FF) as u16);
-        self.0.extend(rest.0);
+        self.0.extend(selected.0);
     }
 
     /// Vectors, all of which lead to BX LR, and the code.

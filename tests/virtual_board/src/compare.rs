@@ -463,9 +463,9 @@ fn priorities() -> BTreeMap<String, u8> {
     let source = fs::read_to_string(path).unwrap_or_default();
     let tasks = source.split("binds = ").skip(1);
     let tasks = tasks.filter_map(|task| {
-        let (vector, rest) = task.split_once(',')?;
-        let (_, rest) = rest.split_once("priority = ")?;
-        let digits = rest.split(|it: char| !it.is_ascii_digit()).next()?;
+        let (vector, tail) = task.split_once(',')?;
+        let (_, tail) = tail.split_once("priority = ")?;
+        let digits = tail.split(|it: char| !it.is_ascii_digit()).next()?;
         let priority: u8 = digits.parse().ok()?;
         Some((vector.to_owned(), (16 - priority) << 4))
     });

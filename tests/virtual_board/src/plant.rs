@@ -147,7 +147,7 @@ impl Plant {
                 self.take(edge, chip);
             }
             self.edges = edges;
-            self.look_at_coils(chip);
+            self.count_coil_changes(chip);
         }
     }
 
@@ -369,7 +369,7 @@ impl Plant {
     }
 
     /// Counts changes of the coils that are energised.
-    fn look_at_coils(&mut self, chip: &mut Chip) {
+    fn count_coil_changes(&mut self, chip: &mut Chip) {
         for axis in 0..self.coils.len() {
             let (pins, before) = self.coils[axis];
             let mut now = 0;

@@ -272,7 +272,7 @@ fn everyday(axes: usize, has_limit: bool) -> Vec<Act> {
             Act::line("$21=1"),
             Act::line("M3S1000"),
             Act::line("G91G1X2F100"),
-            Act::Rest(100),
+            Act::Pause(100),
             Act::Press(Input::Limit(0)),
             Act::Await("ALARM:1"),
             Act::State("Alarm"),
@@ -335,18 +335,18 @@ fn motions() -> Vec<Act> {
         Act::line("M5M9"),
         Act::line("G90G21"),
         Act::line("G1X5F600"),
-        Act::Rest(100),
+        Act::Pause(100),
         Act::Bytes(b"!"),
         Act::State("Hold:0"),
         Act::Bytes(b"~"),
         Act::State("Idle"),
         Act::Want(Wanted::OneOf(&["<Idle|MPos:5.000,"])),
         Act::line("G1X0F300"),
-        Act::Rest(100),
+        Act::Pause(100),
         Act::Bytes(RESET),
         Act::Await("Grbl "),
         // It brakes.
-        Act::Rest(100),
+        Act::Pause(100),
         Act::State("Alarm"),
         Act::Want(Wanted::Position),
         Act::line("$X"),
@@ -377,7 +377,7 @@ fn wrong_crystals(bench: &Bench, right: PowerUp) -> Vec<Act> {
             Act::Await(reason),
             Act::Await("Grbl "),
             Act::Bytes(MOVE_ALL_THE_SAME),
-            Act::Rest(100),
+            Act::Pause(100),
             Act::Want(Wanted::CoreMhz(HSI_MHZ)),
             Act::Want(Wanted::NoStep),
         ]);
@@ -406,7 +406,7 @@ fn wrong_chips(bench: &Bench, right: PowerUp, is_short: bool) -> Vec<Act> {
             Act::Await("ALARM:16"),
             Act::Await(reason),
             Act::Bytes(MOVE_ALL_THE_SAME),
-            Act::Rest(50),
+            Act::Pause(50),
             Act::Want(Wanted::No("Grbl ")),
             Act::Want(Wanted::NoStep),
         ]
@@ -441,12 +441,12 @@ fn power_cuts(right: PowerUp, is_short: bool) -> Vec<Act> {
             Act::Await("Grbl "),
             Act::line("$120=200"),
             Act::line("$121=10"),
-            Act::Rest(50),
+            Act::Pause(50),
         ]
     };
     let mut script = vec![Act::Part("power cuts")];
     script.extend(begin("no cut".into()));
-    script.extend([Act::CountStored, Act::line("$121=300"), Act::Rest(50)]);
+    script.extend([Act::CountStored, Act::line("$121=300"), Act::Pause(50)]);
     let cuts = if is_short { &CUTS[2..3] } else { &CUTS };
     for (cut, expected) in cuts {
         script.extend(begin(format!("a cut: {cut:?}")));
@@ -456,7 +456,7 @@ fn power_cuts(right: PowerUp, is_short: bool) -> Vec<Act> {
             Act::CutAfter(*cut),
             // Its answer tells of what is cut.
             Act::Bytes(b"$121=300\n"),
-            Act::Rest(STORING_MS),
+            Act::Pause(STORING_MS),
             Act::Want(Wanted::Cut),
             Act::Case(format!("after a cut: {cut:?}"), right),
             Act::Await("Grbl "),
@@ -506,7 +506,7 @@ fn faults_in_motion(right: PowerUp, has_eeprom: bool, has_spindle: bool) -> Vec<
             Act::line("G21G91"),
             Act::line("M3S1000"),
             Act::line("G1X100F600"),
-            Act::Rest(300),
+            Act::Pause(300),
         ]);
         script.extend(acts);
         script.extend([

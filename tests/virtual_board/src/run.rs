@@ -310,7 +310,7 @@ impl Run {
             }
             Act::Remember => self.remembered = self.settings_listed(),
             Act::Want(wanted) => self.compare(wanted, session),
-            Act::Await(_) | Act::State(_) | Act::Field(_) | Act::Rest(_) => {}
+            Act::Await(_) | Act::State(_) | Act::Field(_) | Act::Pause(_) => {}
         }
         self.current = act.is_awaited().then_some((act, now));
     }
@@ -419,7 +419,7 @@ impl Run {
         };
         let waited_ms = (self.now.0 - since.0) / MS;
         let is_over = match act {
-            Act::Rest(ms) => waited_ms >= *ms,
+            Act::Pause(ms) => waited_ms >= *ms,
             Act::State(_) | Act::Field(_) if self.now >= self.poll_at => {
                 self.poll_at = VirtualNanos(self.now.0 + POLL_MS * MS);
                 sender(session).outgoing.push_back(b'?');
@@ -548,8 +548,8 @@ impl Run {
         ));
     }
 
-    /// Whether the supply has been cut.
-    fn look_for_cut(&mut self, session: &mut Session<Machine>) {
+    /// Cuts the supply once enough words have been stored.
+    fn cut_supply_when_due(&mut self, session: &mut Session<Machine>) {
         if self.watch.words >= self.cut_after {
             session.board_mut().chip.flash.is_cut = true;
         }
@@ -563,8 +563,8 @@ impl Driver<Machine> for Run {
         }
         match settled {
             Settled::Access { access, .. } => {
-                self.watch.look(&access, session, &self.bench.program);
-                self.look_for_cut(session);
+                self.watch.record_access(&access, session, &self.bench.program);
+                self.cut_supply_when_due(session);
             }
             Settled::Stop(_) => session.board_mut().chip.correct_ready_flags(),
             Settled::Hit(hit) if hit.kind == HitKind::Instruction => {

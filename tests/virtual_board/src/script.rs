@@ -29,7 +29,7 @@ pub(crate) enum Act {
     /// Reports are asked for until one has this in it.
     Field(&'static str),
     /// Nothing is done for some ms.
-    Rest(u64),
+    Pause(u64),
     /// A contact closes.
     Press(Input),
     /// It opens.
@@ -151,7 +151,7 @@ impl Act {
                 | Self::Await(_)
                 | Self::State(_)
                 | Self::Field(_)
-                | Self::Rest(_)
+                | Self::Pause(_)
         )
     }
 
@@ -160,7 +160,7 @@ impl Act {
         match self {
             Self::Stream(_) => 900_000,
             Self::State(_) | Self::Field(_) => 30_000,
-            Self::Rest(ms) => ms + 1000,
+            Self::Pause(ms) => ms + 1000,
             _ => 2_000,
         }
     }

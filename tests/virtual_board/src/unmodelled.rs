@@ -31,7 +31,8 @@ pub(crate) fn of(session: &Session<Machine>) -> Vec<(String, Option<u64>)> {
         });
     let refused = session.refused().iter();
     let refused = refused.map(|(address, fault)| (format!("{fault}, at {address:#x}"), None));
-    let complaints = { session.told() }
+    let complaints = session
+        .told()
         .filter(|of| !is_listed(&HARMLESS, of.instance, of.register))
         .map(|of| {
             (

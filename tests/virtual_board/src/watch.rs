@@ -86,8 +86,8 @@ impl Watch {
         self.faults.entry(message.into()).or_insert(by);
     }
 
-    /// Looks at an access that has been made.
-    pub(crate) fn look(
+    /// Records an access that has been made.
+    pub(crate) fn record_access(
         &mut self,
         access: &Access,
         session: &mut Session<Machine>,

@@ -20,7 +20,7 @@ pub(super) struct Paired {
     /// What Grbl sent much later.
     pub(super) late: Option<ReceivedLine>,
     /// Both stand, in the same place.
-    pub(super) is_same_rest: bool,
+    pub(super) stand_in_same_place: bool,
     /// The next `?` comes so soon that one report may be for both.
     pub(super) is_followed: bool,
 }
@@ -44,7 +44,7 @@ pub(super) fn pair(
             ours: None,
             theirs: None,
             late: None,
-            is_same_rest: false,
+            stand_in_same_place: false,
             is_followed: false,
         }));
     }
@@ -94,7 +94,7 @@ pub(super) fn pair(
         if let Some(time_s) = asked.ours.as_ref().and_then(|received| received.time_s) {
             asked.own_s = played.own_time_s(asked.step, time_s);
         }
-        asked.is_same_rest = asked.stands_with(played);
+        asked.stand_in_same_place = asked.stands_with(played);
     }
     asked
 }

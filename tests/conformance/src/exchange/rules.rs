@@ -20,12 +20,12 @@ pub(super) fn is_consequence(ours: &str, theirs: &str) -> bool {
 /// The difference of the coordinates of two messages of one kind, mm, also where they are in inches.
 pub(super) fn displacement(ours: &str, theirs: &str) -> Option<Vec<f64>> {
     let read = |text: &str| -> Option<(String, Vec<f64>, f64)> {
-        let (name, rest) = text.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
+        let (name, tail) = text.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
         let is_place = name.starts_with('G') && name != "GC" || name == "PRB" || name == "TLO";
-        let (rest, result) = rest.split_once(':').unwrap_or((rest, ""));
-        let decimals = rest.rsplit_once('.')?.1.len();
+        let (tail, result) = tail.split_once(':').unwrap_or((tail, ""));
+        let decimals = tail.rsplit_once('.')?.1.len();
         let unit_mm = if decimals == 4 { 25.4 } else { 1.0 };
-        is_place.then(|| numbers(rest).map(|at| (format!("{name}{result}"), at, unit_mm)))?
+        is_place.then(|| numbers(tail).map(|at| (format!("{name}{result}"), at, unit_mm)))?
     };
     let (our_name, ours, _) = read(ours)?;
     let (their_name, theirs, unit_mm) = read(theirs)?;
@@ -65,8 +65,8 @@ pub(crate) fn differs_in_tool(ours: &str, theirs: &str) -> bool {
 pub(crate) fn tools(ours: &str, theirs: &str) -> Option<(String, String)> {
     let without_tool = |text: &str| -> Option<(String, String)> {
         let words = text.strip_prefix("[GC:")?.split(' ');
-        let (tool, rest): (Vec<_>, Vec<_>) = words.partition(|word| word.starts_with('T'));
-        Some((rest.join(" "), tool.concat()))
+        let (tool, others): (Vec<_>, Vec<_>) = words.partition(|word| word.starts_with('T'));
+        Some((others.join(" "), tool.concat()))
     };
     match (without_tool(ours), without_tool(theirs)) {
         (Some((ours, tool)), Some((theirs, their_tool))) => {
@@ -119,7 +119,7 @@ pub(super) fn is_setting_out_of_range(line: &str) -> bool {
 /// Why a `$` statement is refused of which Grbl takes a part.
 pub(super) fn of_dollar(line: &str, our: &ReceivedLine) -> Option<Deviation> {
     let is_unknown = our.is_error(LineError::InvalidStatement);
-    if is_setting_cut(line) && (is_unknown || our.is_error(LineError::SettingOutOfRange)) {
+    if is_setting_rounded(line) && (is_unknown || our.is_error(LineError::SettingOutOfRange)) {
         return Some(Deviation::SettingNumbers);
     }
     let exists = line.starts_with("$N0=") || line.starts_with("$N1=");
@@ -127,7 +127,7 @@ pub(super) fn of_dollar(line: &str, our: &ReceivedLine) -> Option<Deviation> {
 }
 
 /// Whether a `$` statement gives a setting a number that the setting cannot store as written.
-fn is_setting_cut(line: &str) -> bool {
+fn is_setting_rounded(line: &str) -> bool {
     let statement = line.strip_prefix('$').map(|it| it.trim_start_matches('N'));
     let Some((number, value)) = statement.and_then(|statement| statement.split_once('=')) else {
         return false;
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn only_numbers_that_a_setting_cannot_have_are_excused() {
-        for (line, is_cut) in [
+        for (line, is_rounded) in [
             ("$32=2", true),
             ("$4=2", false),
             ("$10=2.5", true),
@@ -162,7 +162,7 @@ mod tests {
             ("$N0.5=G21", true),
             ("$N0=G1X1.5", false),
         ] {
-            assert_eq!(is_setting_cut(line), is_cut, "{line}");
+            assert_eq!(is_setting_rounded(line), is_rounded, "{line}");
         }
     }
 

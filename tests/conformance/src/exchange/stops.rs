@@ -81,7 +81,7 @@ impl Stops {
             let mut stop = stop(&played.track, at_s, cause, &scale, least)?;
             let mut same_again = reports
                 .iter()
-                .filter(|pair| pair.own_s > at_s && pair.is_same_rest);
+                .filter(|pair| pair.own_s > at_s && pair.stand_in_same_place);
             stop.until_s = same_again.next().map_or(f64::INFINITY, |pair| pair.own_s);
             Some(stop)
         });

@@ -51,11 +51,12 @@ pub(crate) fn run(name: &str, writes: bool) -> Result<ExitCode> {
     } else {
         Page::default()
     };
-    let sought: Vec<_> = { all.iter() }
+    let chosen: Vec<_> = all
+        .iter()
         .filter(|fault| fault.name.contains(name))
         .filter(|fault| !name.is_empty() || page.finding(fault).is_none())
         .collect();
-    ensure!(!sought.is_empty(), "no fault is left: name one of {TABLE}");
+    ensure!(!chosen.is_empty(), "no fault is left: name one of {TABLE}");
     ui::status("Unaltered", "the quick checks have to pass");
     for check in &checks.quick {
         ensure!(
@@ -69,7 +70,7 @@ pub(crate) fn run(name: &str, writes: bool) -> Result<ExitCode> {
         checks,
     };
     let mut missed = Vec::new();
-    for fault in sought {
+    for fault in chosen {
         let start = Instant::now();
         let found = seeker.seek(fault).with_context(|| fault.name.clone())?;
         let elapsed = start.elapsed().as_secs();

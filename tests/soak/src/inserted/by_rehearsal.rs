@@ -18,12 +18,12 @@ pub(crate) fn run(name: &str) -> Result<ExitCode> {
     let copy = Sources::new();
     let mut is_right = true;
     let all = faults(TABLE)?;
-    let sought: Vec<_> = all.iter().filter(|it| it.name.contains(name)).collect();
+    let chosen: Vec<_> = all.iter().filter(|it| it.name.contains(name)).collect();
     ensure!(
-        !sought.is_empty(),
+        !chosen.is_empty(),
         "no fault of {TABLE} has that in its name"
     );
-    for fault in sought {
+    for fault in chosen {
         let named = fault.message.as_deref();
         let named = named.with_context(|| format!("{}: no message", fault.name))?;
         let output = rehearse(&copy, fault).with_context(|| fault.name.clone())?;

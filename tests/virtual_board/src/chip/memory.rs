@@ -47,9 +47,9 @@ pub(super) fn of(board: &Board) -> &'static [Region] {
 /// the flash, KiB. RM0090 39.1 and 39.2, RM0383 24.1 and 24.2, RM0390 34.1 and 34.2.
 pub(crate) fn made(board: &Board) -> Result<Image> {
     const NUMBER: u64 = 0x1FFF_7A10;
-    const SIZE_BEHIND: usize = 18;
+    const SIZE_OFFSET: usize = 18;
     let mut bytes = b"a model chip".to_vec();
-    bytes.resize(SIZE_BEHIND, 0);
+    bytes.resize(SIZE_OFFSET, 0);
     bytes.extend((board.part.flash_kib as u16).to_le_bytes());
     Ok(Image::new(
         Path::new("what the chip's maker has written"),

@@ -31,7 +31,7 @@ pub(super) fn script(wiring: &Wiring, right: PowerUp) -> Vec<Act> {
     script.extend(wiring.spindle.map(|_| Act::Want(Wanted::Off("spindle"))));
     if wiring.enable.first().is_some() {
         script.extend([Act::line("$1=5"), Act::line("G91G0X-1"), Act::State("Idle")]);
-        script.extend([Act::Rest(50), Act::Want(Wanted::Off("enable 0"))]);
+        script.extend([Act::Pause(50), Act::Want(Wanted::Off("enable 0"))]);
     }
     script.extend([
         Act::Bytes(b"$SLP\n"),
@@ -58,7 +58,7 @@ pub(super) fn script(wiring: &Wiring, right: PowerUp) -> Vec<Act> {
         Act::Await("[MSG:'$H'|'$X' to unlock]"),
         Act::Release(Input::Reset),
         // It brakes.
-        Act::Rest(100),
+        Act::Pause(100),
         Act::State("Alarm"),
         Act::Want(Wanted::Position),
         Act::Refused("G1X1"),
@@ -89,13 +89,13 @@ fn jogs() -> [Act; 11] {
 fn overrides() -> [Act; 9] {
     [
         Act::line("G1X50F600"),
-        Act::Rest(100),
+        Act::Pause(100),
         Act::Bytes(OVERRIDES),
         Act::Field("|Ov:200,25,90"),
         Act::Field("|FS:1200,"),
         Act::Bytes(RESET),
         Act::Await("Grbl "),
-        Act::Rest(100),
+        Act::Pause(100),
         Act::line("$X"),
     ]
 }
@@ -108,12 +108,12 @@ fn laser() -> [Act; 12] {
         Act::State("Idle"),
         Act::Want(Wanted::PwmOff),
         Act::line("G91G1X-5F600"),
-        Act::Rest(200),
+        Act::Pause(200),
         Act::Want(Wanted::PwmOn),
         Act::State("Idle"),
         Act::Want(Wanted::PwmOff),
         Act::line("G0X5"),
-        Act::Rest(50),
+        Act::Pause(50),
         Act::Want(Wanted::PwmOff),
     ]
 }
@@ -138,7 +138,7 @@ fn modes() -> [Act; 11] {
 /// Feed hold and cycle start.
 fn buttons() -> [Act; 6] {
     [
-        Act::Rest(100),
+        Act::Pause(100),
         Act::Press(Input::Hold),
         Act::State("Hold:0"),
         Act::Release(Input::Hold),
@@ -152,7 +152,7 @@ fn door(wiring: &Wiring) -> Vec<Act> {
     let mut script = vec![
         Act::Release(Input::Start),
         Act::Bytes(&[0xA0]),
-        Act::Rest(100),
+        Act::Pause(100),
         Act::Press(Input::Door),
         Act::State("Door:1"),
     ];

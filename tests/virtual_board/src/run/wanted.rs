@@ -113,8 +113,8 @@ impl Run {
         let position = self.plant.position(0)?;
         let lines = self.lines[self.marks.lines..].iter();
         let reported = lines.rev().find_map(|line| {
-            let (_, rest) = line.split_once("|MPos:")?;
-            rest.split(',').next()?.parse::<f64>().ok()
+            let (_, tail) = line.split_once("|MPos:")?;
+            tail.split(',').next()?.parse::<f64>().ok()
         });
         let reported = reported.map(|mm| (mm * STEPS_PER_MM).round() as i32);
         (reported != Some(position))
