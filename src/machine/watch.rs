@@ -91,8 +91,8 @@ impl Watch {
         }
     }
 
-    /// Decides about a latched contact of the probe, from the levels that have changed for the filter: a change of the
-    /// probe's level confirms the contact, [`SAMPLES`] samples without the contact drop it as a spike. Returns whether
+    /// Decides about a latched contact of the probe, from the levels that have changed for the filter. A change of the
+    /// probe's level confirms the contact; [`SAMPLES`] samples without the contact drop it as a spike. Returns whether
     /// it was a spike.
     #[inline]
     fn decide_contact(&mut self, changed: Levels, inputs: &Inputs) -> bool {

@@ -12,8 +12,8 @@
 //! flushes them, too, by [`Router::flush`](super::Router::flush), as soon as the machine could use what
 //! is held back.
 //!
-//! No point of the executed path is farther from the programmed path than `P`, nor the other way round:
-//! a merged line uses half of that at most, and a corner what its lines have left.
+//! No point of the executed path is farther from the programmed path than `P`, nor the other way round. A merged line
+//! uses half of `P` at most, and a corner the part that its lines have left.
 
 mod corner;
 mod merge;

@@ -285,9 +285,9 @@ impl<const N: usize> RawLine<N> {
         }
     }
 
-    /// Says what has to become of a line that has ended. `last` is the number of the last accepted line, and
-    /// `has_begun` whether the lines of the sender have checksums: a part of one may then come without
-    /// its number, and with the asterisk in what looks like a comment or a text.
+    /// Says what has to become of a line that has ended. `last` is the number of the last accepted line. `has_begun`
+    /// tells whether the lines of the sender have checksums: a part of a line may then come without its number, and
+    /// with the asterisk in an apparent comment or text.
     #[must_use]
     pub fn verdict(&self, last: i32, has_begun: bool) -> Verdict {
         let (number, _) = self.number();

@@ -1,9 +1,9 @@
 //! Bytes to lines: comments and blanks dropped, letters in upper case.
 //!
 //! Each carriage return and each line feed ends a line, so that a sender gets one answer for each;
-//! dropped characters do not count towards the length. Read with Grbl 1.1 `protocol.c`: its rules,
-//! except for the length, and for characters other than ASCII: outside of comments they stay in the line, so
-//! that it is refused, but for a non-breaking space and for realtime bytes in UTF-8.
+//! dropped characters do not count towards the length. Read with Grbl 1.1 `protocol.c`: its rules, except for the
+//! length, and for characters other than ASCII. Outside of comments such characters stay in the line, which is refused,
+//! but for a non-breaking space and for realtime bytes in UTF-8.
 
 use heapless::Vec;
 

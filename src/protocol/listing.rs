@@ -73,8 +73,8 @@ pub fn reset_cause(text: &mut Text, cause: ResetCause) {
     text.word("]").end();
 }
 
-/// The line of the answer to `$I+` that tells how often a deadline was missed or a byte lost, and how many changes
-/// wait to be stored; in the answer to `$I` if there was any.
+/// The line of the answer to `$I+` with the numbers of missed deadlines, of lost bytes, and of changes that wait to be
+/// stored; in the answer to `$I` if any is not 0.
 pub fn faults(text: &mut Text, faults: FaultCounts) {
     let counts = [
         ("[MSG:Late events: ", faults.late_events),

@@ -31,9 +31,9 @@ impl Geometry {
 }
 
 impl Router {
-    /// Returns the arc in whole steps to a target, under `$790`, and the arc with the length of that; no steps
-    /// where start, end and centre are not on whole steps of two axes of the same resolution with a motor each, which is kept for
-    /// a message.
+    /// Returns the arc in whole steps to a target, under `$790`, and the arc with the length of these steps. There are
+    /// no steps where start, end and centre are not on whole steps of two axes of the same resolution with a motor
+    /// each; a message reports such an arc.
     pub(super) fn step_arc(
         &mut self,
         mut arc: Arc,

@@ -1,9 +1,9 @@
 //! Bytes in front of their lines: realtime bytes and emergencies.
 //!
-//! In the RepRap dialect `serial_rx` enqueues every byte. Here the bytes are looked at as soon as the task
-//! runs, long before their lines are: a realtime byte counts directly behind a line end, or when the line
-//! has been silent, and an emergency (`M112`, `M108`, `M410`) as soon as its line is whole. Lines are
-//! only taken from bytes that have been looked at.
+//! In the RepRap dialect `serial_rx` enqueues every byte. Here the bytes are scanned as soon as the task runs, long
+//! before their lines are read. A realtime byte counts directly behind a line end, or when the line has been silent; an
+//! emergency (`M112`, `M108`, `M410`) counts as soon as its line is whole. Lines are only taken from bytes that have
+//! been looked at.
 //!
 //! A host that sends more than the queue holds loses lines, but no emergency: a line that begins behind [`KEPT_BYTES`]
 //! is read and dropped. A line that goes on behind [`TRUNCATION_BYTES`] is truncated and refused, so there is always

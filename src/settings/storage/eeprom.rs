@@ -8,7 +8,7 @@
 //!
 //! The whole copy with the higher number counts. A change is written over the other copy, so that a loss of power at
 //! any byte leaves the contents of before. Then the older copy is marked as such by the highest bit of its length,
-//! which counts as 0 in the CRC-32: a marked copy without a whole newer copy says that the newer copy is damaged, not
+//! which counts as 0 in the CRC-32. A marked copy without a whole newer copy says that the newer copy is damaged, not
 //! torn. The record of generations has a bit for each record that was ever stored. No copy shares a page with another:
 //! a page that is being written may lose all of its bytes. Where each copy is never changes, or firmware could not read
 //! what older firmware has stored.

@@ -1,6 +1,6 @@
 //! The journal: two sectors of flash in which each change is a new record after the old ones.
 //!
-//! The journal owns the flash. The newest whole record of each key counts: `sequential-storage` finds this record by a
+//! The journal owns the flash. The newest whole record of each key counts. `sequential-storage` finds this record by a
 //! CRC-32 of its contents and a CRC-16 of its length, and copies the newest records to the other page before it erases
 //! a full one. `sectors.rs` protects that erase against a power cut.
 //!

@@ -276,9 +276,8 @@ impl Job {
         };
     }
 
-    /// The greatest angle of a corner at which the tool goes on without a move between: where it comes to
-    /// an arc around the tool, of which the radius is given, what this takes from the contour grows as
-    /// R·r·β²/2 / (R - r).
+    /// The greatest angle of a corner at which the tool goes on without a move between. Where the tool comes to an arc
+    /// around it, of the given radius, the part taken from the contour grows as R·r·β²/2 / (R - r).
     fn nearly_tangent(&self, around: Option<f64>) -> f64 {
         let taken = |radius: f64| {
             let room = radius - self.radius;
