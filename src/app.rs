@@ -37,7 +37,7 @@ mod app {
         path::Entry,
         protocol::{Bytes, Incoming, IncomingWriter, Progress, Session},
         stepper::{EventReader, EventRing, EventTap, EventWriter, SegmentRing},
-        tasks::{self, Unlocked},
+        tasks::{self, SharedAtomics},
     };
 
     // In place of RTIC's own, by the name that its generated code uses.
@@ -202,7 +202,7 @@ mod app {
     )]
     fn inputs(cx: inputs::Context) {
         let _activation = trace::inputs();
-        let shared = Unlocked::new(cx.shared.requests, cx.shared.inputs, cx.shared.segments);
+        let shared = SharedAtomics::new(cx.shared.requests, cx.shared.inputs, cx.shared.segments);
         cx.local.pins.serve(shared, cx.shared.step_timer);
     }
 
@@ -217,7 +217,7 @@ mod app {
         let _activation = trace::prepare();
         let (motion, entries) = (cx.local.motion, cx.local.entries_out);
         let (events, actuators) = (cx.local.events_in, cx.local.actuators);
-        let shared = Unlocked::new(cx.shared.requests, cx.shared.inputs, cx.shared.segments);
+        let shared = SharedAtomics::new(cx.shared.requests, cx.shared.inputs, cx.shared.segments);
         let steps = &mut StepInterrupt {
             token: cx.shared.step_timer,
             event_tap: events.tap(),

@@ -112,7 +112,7 @@ pub trait StepPlatform {
 
 /// The state that tasks share without a lock.
 #[derive(Debug, Clone, Copy)]
-pub struct Unlocked<'a> {
+pub struct SharedAtomics<'a> {
     /// Requests to `prepare`, `interpret` and `report`.
     pub requests: &'a Requests,
     /// Switches, probe and buttons.
@@ -121,7 +121,7 @@ pub struct Unlocked<'a> {
     pub segments: &'a SegmentRing,
 }
 
-impl<'a> Unlocked<'a> {
+impl<'a> SharedAtomics<'a> {
     /// Gathers the references.
     #[must_use]
     #[inline]
@@ -213,7 +213,7 @@ pub fn inputs(
     trigger: InputTrigger,
     closed: Levels,
     watch: &mut Watch,
-    shared: Unlocked<'_>,
+    shared: SharedAtomics<'_>,
     steps: &mut impl StepOutput,
     platform: &mut impl Platform,
 ) -> bool {
@@ -262,12 +262,12 @@ pub fn prepare(
     motion: &mut Motion,
     entries: &mut Consumer<'_, Entry>,
     events: &mut EventWriter<'_>,
-    shared: Unlocked<'_>,
+    shared: SharedAtomics<'_>,
     snapshot: &mut impl Mutex<T = Snapshot>,
     steps: &mut impl StepOutput,
     platform: &mut impl PreparePlatform,
 ) {
-    let Unlocked {
+    let SharedAtomics {
         requests,
         inputs,
         segments,

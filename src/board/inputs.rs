@@ -14,7 +14,7 @@ use leadscrew::{
     machine::{Inputs, SAMPLES, Watch},
     model::Levels,
     stepper::EventTap,
-    tasks::{self, InputTrigger, Unlocked},
+    tasks::{self, InputTrigger, SharedAtomics},
 };
 
 use super::{
@@ -102,7 +102,7 @@ impl InputPins {
     #[inline]
     pub(crate) fn serve(
         &mut self,
-        shared: Unlocked<'_>,
+        shared: SharedAtomics<'_>,
         token: impl rtic::Mutex<T = StepTimerToken>,
     ) {
         let mut steps = StepInterrupt {

@@ -24,4 +24,4 @@ pub use parsed_line::{
 };
 pub use word::{CodeNumber, Word, Words};
 use word_reader::MAX_LINE_NUMBER;
-pub use word_reader::{PlainPrefix, Refusal, WordReader};
+pub use word_reader::{NotPlain, PlainPrefix, WordReader};

@@ -144,7 +144,7 @@ impl<I: Iterator<Item = u8> + Clone> Iterator for WordReader<I> {
 
 /// The reason why a line has not been executed as a plain one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Refusal {
+pub enum NotPlain {
     /// The line has other words, or an error.
     NotPlain,
     /// The bytes end before the line, which may be plain yet.
@@ -172,16 +172,18 @@ impl PlainPrefix {
     /// Reads the words of a line from bytes in two parts. Returns the number of bytes after the line.
     ///
     /// # Errors
-    /// [`Refusal`] for a line with any other word, of which the words before that one are kept.
+    /// [`NotPlain`] for a line with any other word, of which the words before that one are kept.
     #[inline]
-    pub fn read<I>(&mut self, [first, second]: [I; 2]) -> Result<usize, Refusal>
+    pub fn read<I>(&mut self, [first, second]: [I; 2]) -> Result<usize, NotPlain>
     where
         I: ExactSizeIterator<Item = u8> + Clone,
     {
         self.words = Words::NONE;
         match self.read_words(WordReader::new(first)) {
             Ok(following) => Ok(following.len() + second.len()),
-            Err((word, Refusal::Incomplete)) if second.len() != 0 => self.continue_in(second, word),
+            Err((word, NotPlain::Incomplete)) if second.len() != 0 => {
+                self.continue_in(second, word)
+            }
             Err((_, refusal)) => Err(refusal),
         }
     }
@@ -189,7 +191,7 @@ impl PlainPrefix {
     /// Continues with the word in which the first part of the bytes ends.
     #[cold]
     #[inline(never)]
-    fn continue_in<I>(&mut self, second: I, word: WordReader<I>) -> Result<usize, Refusal>
+    fn continue_in<I>(&mut self, second: I, word: WordReader<I>) -> Result<usize, NotPlain>
     where
         I: ExactSizeIterator<Item = u8> + Clone,
     {
@@ -202,10 +204,10 @@ impl PlainPrefix {
     /// Reads words up to the end of the line. Returns the bytes after the line.
     ///
     /// # Errors
-    /// [`Refusal`] and a reader at the word that is not plain, or that is cut off.
+    /// [`NotPlain`] and a reader at the word that is not plain, or that is cut off.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "a call would return by a copy")]
-    fn read_words<I>(&mut self, mut reader: WordReader<I>) -> Result<I, (WordReader<I>, Refusal)>
+    fn read_words<I>(&mut self, mut reader: WordReader<I>) -> Result<I, (WordReader<I>, NotPlain)>
     where
         I: Iterator<Item = u8> + Clone,
     {
@@ -213,13 +215,13 @@ impl PlainPrefix {
         let mut boundary = reader.skip_blanks();
         if boundary == Boundary::Other {
             // The bytes may end in a comment.
-            let refusal = refusal_at(&reader);
+            let refusal = not_plain_at(&reader);
             return Err((line, refusal));
         }
         while boundary != Boundary::LineEnd {
             let word = reader.clone();
             let Some(next) = self.read_word(&mut reader) else {
-                let refusal = refusal_at(&reader);
+                let refusal = not_plain_at(&reader);
                 return Err((word, refusal));
             };
             boundary = next;
@@ -278,10 +280,10 @@ impl PlainPrefix {
 }
 
 /// Returns why the next word is not read.
-fn refusal_at<I: Iterator<Item = u8>>(reader: &WordReader<I>) -> Refusal {
+fn not_plain_at<I: Iterator<Item = u8>>(reader: &WordReader<I>) -> NotPlain {
     if reader.is_cut_off() {
-        Refusal::Incomplete
+        NotPlain::Incomplete
     } else {
-        Refusal::NotPlain
+        NotPlain::OtherWords
     }
 }

@@ -103,8 +103,8 @@ pub struct Requests {
     losses: Losses,
     /// The events that release `interpret`, an [`Awaited`].
     awaited: AtomicU8,
-    /// `interpret` sorts realtime bytes, and not the receiver.
-    are_sorted_later: AtomicBool,
+    /// Sorting realtime bytes is left to `interpret`.
+    is_deferred: AtomicBool,
     /// Number of requests to `prepare` by `interpret`, wrapping.
     own_count: AtomicU32,
     /// Clock of `interpret`, [`super::timing::TICK_MS`], wrapping.
@@ -136,7 +136,7 @@ impl Requests {
             own_resets: AtomicU32::new(0),
             losses: Losses::new(),
             awaited: AtomicU8::new(Awaited::ALL.0),
-            are_sorted_later: AtomicBool::new(false),
+            is_deferred: AtomicBool::new(false),
             own_count: AtomicU32::new(0),
             ticks: AtomicU32::new(0),
             batch_budget: AtomicU8::new(BATCH_BUDGET),
@@ -374,21 +374,21 @@ impl Requests {
         Release::Prepare
     }
 
-    /// Whether `interpret` sorts realtime bytes; for the receiver alone.
+    /// Returns whether sorting realtime bytes is left to `interpret`; for the receiver alone.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `accept`")]
-    pub(crate) fn are_sorted_later(&self) -> bool {
-        HAS_REPRAP && self.are_sorted_later.load(Relaxed)
+    pub(crate) fn is_deferred(&self) -> bool {
+        HAS_REPRAP && self.is_deferred.load(Relaxed)
     }
 
-    /// Has `interpret` sort realtime bytes, or the receiver; for `interpret` alone.
-    pub fn sort_later(&self, later: bool) {
-        self.are_sorted_later.store(later, Relaxed);
+    /// Leaves sorting realtime bytes to `interpret`, or no longer; for `interpret` alone.
+    pub fn defer(&self, is_deferred: bool) {
+        self.is_deferred.store(is_deferred, Relaxed);
     }
 
     /// Makes the request of a realtime byte other than `?` that `interpret` has sorted, or its own; for that task
     /// alone, which releases `prepare` afterwards. `received` is the number of bytes of lines before it.
-    pub fn accept_later(&self, byte: u8, received: usize) {
+    pub fn accept_from_interpret(&self, byte: u8, received: usize) {
         let flag = match byte {
             b'!' => &self.hold,
             b'~' => {

@@ -40,7 +40,7 @@ pub fn receive(
             cold_path();
             let rest = match received.rest_of_character(before, byte) {
                 Some(rest) => rest,
-                None if byte <= LAST_REQUEST && !requests.are_sorted_later() => {
+                None if byte <= LAST_REQUEST && !requests.is_deferred() => {
                     cold_path();
                     return requests.accept_from_0x80(byte, before);
                 }
@@ -55,7 +55,7 @@ pub fn receive(
             received.await_rest(before, rest);
         }
         Ok(byte) => {
-            if matches!(byte, b'~' | b'!' | b'?' | 0x18) && !requests.are_sorted_later() {
+            if matches!(byte, b'~' | b'!' | b'?' | 0x18) && !requests.is_deferred() {
                 cold_path();
                 return requests.accept(byte, before);
             }

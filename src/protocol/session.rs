@@ -9,7 +9,7 @@
 //! execution ([`LineExecution`]), what is known of the machine ([`MachineSync`]), reports, a break on the
 //! line, messages to the operator, the record of probing moves, the stream of positions. The files with
 //! an `impl Session` join them: `dispatch` and `program` begin a line, `sending`, `blending` and
-//! `compensation` bring its commands to the machine, `commands`, `tool_change` and `persistence` do what
+//! `compensation` bring its commands to the machine, `tool_change` and `persistence` do what
 //! else it asks for, `reset` and `notifications` what nobody asks for. Of a dialect beside Grbl's,
 //! `dialect` knows what [`SenderDialect`] says.
 //!
@@ -17,7 +17,6 @@
 //! [`Session`] is laid out in the order of its fields: those that each line needs come first.
 
 mod blending;
-mod commands;
 mod compensation;
 mod dialect;
 mod dispatch;
@@ -90,7 +89,7 @@ pub enum Progress {
 }
 
 /// The state and the ends of queues that one run of the session works with.
-struct Links<'a, 'q> {
+struct Ports<'a, 'q> {
     machine: &'a Snapshot,
     requests: &'a Requests,
     received: &'a mut ByteReader<'q>,
@@ -278,7 +277,7 @@ impl Session {
     ) -> Progress {
         requests.begin_batch();
         requests.wake_on(Awaited::ALL);
-        let mut links = Links {
+        let mut ports = Ports {
             machine,
             requests,
             received,
@@ -286,9 +285,9 @@ impl Session {
             entries,
         };
         self.faults.lost_bytes = requests.lost();
-        self.attend_dialect(&mut links);
-        let progress = match self.attend_machine(&mut links) {
-            ControlFlow::Continue(()) => self.execute_lines(&mut links),
+        self.attend_dialect(&mut ports);
+        let progress = match self.attend_machine(&mut ports) {
+            ControlFlow::Continue(()) => self.execute_lines(&mut ports),
             ControlFlow::Break(()) => Progress::Waiting,
         };
         if progress == Progress::Waiting && self.compensator.is_waiting() {
@@ -378,34 +377,34 @@ impl Session {
 
     /// What comes before each line, in Grbl's order: the flash, resets, notices, the welcome, the
     /// position, a status report, faults. Breaks when the session has to wait.
-    fn attend_machine(&mut self, links: &mut Links<'_, '_>) -> ControlFlow<()> {
-        let machine = links.machine;
+    fn attend_machine(&mut self, ports: &mut Ports<'_, '_>) -> ControlFlow<()> {
+        let machine = ports.machine;
         continue_if(self.persistence.requested().is_none())?;
         self.end_store();
         if self.persistence.has_postponed() {
             self.store_postponed(machine);
             continue_if(self.persistence.requested().is_none())?;
         }
-        self.begin_reset(links.requests.reset_count());
+        self.begin_reset(ports.requests.reset_count());
         self.reports.observe(machine, &mut self.interpreter);
         self.drop_cancelled(machine);
-        continue_if(self.send_pending(links))?;
-        continue_if(self.start(links))?;
-        self.apply_stored(links);
+        continue_if(self.send_pending(ports))?;
+        continue_if(self.start(ports))?;
+        self.apply_stored(ports);
         self.sync_at_standstill(machine);
-        continue_if(self.send_pending(links))?;
-        if links.requests.take_line_break() {
+        continue_if(self.send_pending(ports))?;
+        if ports.requests.take_line_break() {
             self.line_break = LineBreak::Pending;
         }
         if self.line_break != LineBreak::None {
-            self.attend_line_break(links);
-            continue_if(self.send_pending(links))?;
+            self.attend_line_break(ports);
+            continue_if(self.send_pending(ports))?;
         }
         if self.reports.is_status_due && self.stage.is_welcome_sent() {
-            let received_free = links.received.capacity() - links.received.len();
-            continue_if(self.send_status(machine, received_free, links.sent))?;
+            let received_free = ports.received.capacity() - ports.received.len();
+            continue_if(self.send_status(machine, received_free, ports.sent))?;
         }
-        continue_if(!(machine.has_underrun || machine.is_critical) || self.report_fault(links))
+        continue_if(!(machine.has_underrun || machine.is_critical) || self.report_fault(ports))
     }
 
     /// Sends a status report. Returns false when there is no room.
@@ -423,22 +422,22 @@ impl Session {
     /// Holds the machine after a break on the line; a pause that would end by itself waits for the operator.
     #[cold]
     #[inline(never)]
-    fn attend_line_break(&mut self, links: &Links<'_, '_>) {
-        let machine = links.machine;
+    fn attend_line_break(&mut self, ports: &Ports<'_, '_>) {
+        let machine = ports.machine;
         if self.machine_sync.is_cancelled(machine) || self.host.rules().is_restarting {
             return;
         }
         let is_first = self.line_break == LineBreak::Pending;
         let left = WorkLeft {
             is_moving: !self.is_done(machine),
-            has_line: links.received.may_have_line(),
+            has_line: ports.received.may_have_line(),
             goes_on: self.stage.goes_on(&self.persistence.stored.startup),
         };
         let Some(holds) = self.line_break.take_hold(machine.state, left) else {
             return;
         };
         if holds {
-            self.request_hold(links);
+            self.request_hold(ports);
         }
         let was_timed = self.host.end_timed_pause();
         if (holds || was_timed) && is_first {
@@ -447,11 +446,11 @@ impl Session {
     }
 
     /// Executes lines while entries wait for the machine, else one stage of one line.
-    fn execute_lines(&mut self, links: &mut Links<'_, '_>) -> Progress {
+    fn execute_lines(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         for _ in 0..MAX_LINES {
-            let is_busy = !links.entries.is_empty();
-            let progress = self.advance(links);
-            if !self.reports.flush(links.sent) {
+            let is_busy = !ports.entries.is_empty();
+            let progress = self.advance(ports);
+            if !self.reports.flush(ports.sent) {
                 return Progress::Waiting;
             }
             // With entries waiting, the machine need not be attended to before each line.
@@ -460,7 +459,7 @@ impl Session {
             // An arc in whole steps is gone through before it begins: one in a run.
             #[cfg(arc_machine)]
             let continues = continues && self.settings().arc_rule == 0;
-            if !continues || links.requests.reset_count() != self.machine_sync.reset_count {
+            if !continues || ports.requests.reset_count() != self.machine_sync.reset_count {
                 return progress;
             }
         }
@@ -468,8 +467,8 @@ impl Session {
     }
 
     /// Continues the present stage.
-    fn advance(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        let machine = links.machine;
+    fn advance(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        let machine = ports.machine;
         // While the machine is held, or ends a jog, no line is begun; the bytes stay where the sender
         // counts them.
         let is_cancelled = self.machine_sync.is_cancelled(machine);
@@ -487,8 +486,8 @@ impl Session {
             LineStage::Faulted if self.is_refusing(machine) => self.refuse(LineError::Locked),
             LineStage::Asleep | LineStage::ListingInDialect(_) => {
                 let stage = self.stage;
-                let step = self.read_in_dialect(links);
-                let progress = step.map_or(Progress::Waiting, |step| self.take_step(step, links));
+                let step = self.read_in_dialect(ports);
+                let progress = step.map_or(Progress::Waiting, |step| self.take_step(step, ports));
                 if stage == LineStage::Asleep && self.stage == LineStage::Reading {
                     self.stage = stage;
                 }
@@ -497,23 +496,23 @@ impl Session {
             LineStage::Starting { .. } | LineStage::Faulted => Progress::Waiting,
             #[cfg(arc_machine)]
             LineStage::Reading if self.stored_program.is_running() => {
-                self.execute_stored_line(links)
+                self.execute_stored_line(ports)
             }
-            LineStage::Reading => self.read_line(links),
-            LineStage::ReadingManual => self.read_manual_line(links),
-            LineStage::Sending(first) => self.send_commands(first, links),
-            LineStage::Compensating(first) => self.send_compensated(first, links),
+            LineStage::Reading => self.read_line(ports),
+            LineStage::ReadingManual => self.read_manual_line(ports),
+            LineStage::Sending(first) => self.send_commands(first, ports),
+            LineStage::Compensating(first) => self.send_compensated(first, ports),
             LineStage::ListingDefaults(line) => self.list_defaults(line),
             LineStage::Welcoming => self.welcome(machine),
-            LineStage::StartingUp(number) => self.start_up(number, links),
-            LineStage::AwaitingStandstill => self.dispatch_at_standstill(links),
-            LineStage::Completing(AfterCommands::ToolPause) => self.continue_tool_change(links),
+            LineStage::StartingUp(number) => self.start_up(number, ports),
+            LineStage::AwaitingStandstill => self.dispatch_at_standstill(ports),
+            LineStage::Completing(AfterCommands::ToolPause) => self.continue_tool_change(ports),
             LineStage::Completing(after_commands) => self.complete(machine, after_commands),
-            LineStage::Storing(then) => self.continue_stored(then, links),
-            LineStage::Listing(list, line) => self.list(list, line, links.received.capacity()),
-            LineStage::Faulting => self.send_fault(links),
+            LineStage::Storing(then) => self.continue_stored(then, ports),
+            LineStage::Listing(list, line) => self.list(list, line, ports.received.capacity()),
+            LineStage::Faulting => self.send_fault(ports),
             LineStage::Resetting => {
-                links.requests.reset();
+                ports.requests.reset();
                 self.machine_sync.has_release_request = true;
                 Progress::Again
             }

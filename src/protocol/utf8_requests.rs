@@ -63,7 +63,7 @@ impl Utf8RequestWatch {
         }
         self.silent = 0;
         let is_late = written.wrapping_sub(self.next) >= RECEIVED_RING;
-        if is_late || requests.are_sorted_later() {
+        if is_late || requests.is_deferred() {
             self.next = written;
             return seen;
         }

@@ -23,7 +23,7 @@ use crate::{
     protocol::{ByteCount, ByteWriter, DamagedByte, Utf8RequestWatch},
     settings::Settings,
     stepper::{EventRing, PhaseSteps, SegmentRing},
-    tasks::{self, InputTrigger, Platform, Task, Unlocked},
+    tasks::{self, InputTrigger, Platform, SharedAtomics, Task},
     units::{FineSteps, TICKS_PER_MS},
 };
 
@@ -288,7 +288,7 @@ impl Drive {
             self.sample_due = None;
             InputTrigger::Sample
         };
-        let shared = Unlocked::new(requests, &self.inputs, &self.segments);
+        let shared = SharedAtomics::new(requests, &self.inputs, &self.segments);
         let mut steps = VirtualSteps {
             timer: &mut self.timer,
             events: self.events.split().0.tap(),
@@ -405,7 +405,7 @@ impl Drive {
         (self.timer.now, self.platform.now) = (now, now);
         let (_, mut entries) = self.entries.split();
         let (mut events, _) = self.events.split();
-        let shared = Unlocked::new(requests, &self.inputs, &self.segments);
+        let shared = SharedAtomics::new(requests, &self.inputs, &self.segments);
         let mut steps = VirtualSteps {
             timer: &mut self.timer,
             events: events.tap(),

@@ -1,7 +1,7 @@
 //! What post-processors write besides motion, read as their authors meant it.
 
 use leadscrew::{
-    gcode::{Flow, LineError, MotionMode, RetractMode, interpreter::Outcome},
+    gcode::{Flow, LineError, MotionMode, RetractMode, interpreter::LineCommands},
     model::{Command, FeedRate, OverrideSwitches, PathControl},
     units::Nm,
 };
@@ -165,7 +165,7 @@ fn g64_without_a_tolerance_keeps_to_the_setting_and_merges_nothing() {
     leadscrew::settings::assign(&mut settings, b"785=0").unwrap();
     let mut machine = after(&[]);
     let checked = machine.check(b"G64", &settings).unwrap();
-    machine.commit(&checked, &mut Outcome::default());
+    machine.commit(&checked, &mut LineCommands::default());
     assert_eq!(machine.modal().path, continuous(0, 0));
     assert_eq!(Nm::PER_MM, 1_000_000);
 }

@@ -2,7 +2,7 @@
 
 use leadscrew::{
     axis::{AXES, X, Z},
-    gcode::interpreter::{Interpreter, Outcome},
+    gcode::interpreter::{Interpreter, LineCommands},
     model::Command,
     settings::Settings,
     units::Nm,
@@ -69,7 +69,7 @@ proptest! {
     fn random_bytes_never_panic(line in prop::collection::vec(any::<u8>(), 0..300)) {
         let mut machine = after(&["F100"]);
         if let Ok(checked) = machine.check(&line, &Settings::default()) {
-            machine.commit(&checked, &mut Outcome::default());
+            machine.commit(&checked, &mut LineCommands::default());
         }
     }
 

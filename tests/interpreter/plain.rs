@@ -2,8 +2,8 @@
 
 use leadscrew::{
     gcode::{
-        PlainPrefix, Refusal,
-        interpreter::{Checked, Interpreter, Outcome},
+        NotPlain, PlainPrefix,
+        interpreter::{CheckedLine, Interpreter, LineCommands},
     },
     model::Command,
     protocol::Line,
@@ -18,7 +18,7 @@ fn plain(
     machine: &mut Interpreter,
     line: &str,
     settings: &Settings,
-) -> Result<(Checked, Outcome), PlainPrefix> {
+) -> Result<(CheckedLine, LineCommands), PlainPrefix> {
     plain_in_parts(machine, line, line.len(), settings)
 }
 
@@ -28,7 +28,7 @@ fn plain_in_parts(
     line: &str,
     second: usize,
     settings: &Settings,
-) -> Result<(Checked, Outcome), PlainPrefix> {
+) -> Result<(CheckedLine, LineCommands), PlainPrefix> {
     // Nothing of the line before may be left.
     let mut prefix = PlainPrefix::default();
     let other: &[u8] = b"G1F7N8X9Y9Z9\n";
@@ -37,7 +37,7 @@ fn plain_in_parts(
     let mut checked = Interpreter::new()
         .check(before.as_bytes(), settings)
         .unwrap();
-    let mut outcome = Outcome::default();
+    let mut outcome = LineCommands::default();
     Interpreter::new().commit(&checked, &mut outcome);
     let all = format!("{line}\nG0");
     let (first, second) = all.as_bytes().split_at(second);
@@ -54,7 +54,7 @@ fn bytes(text: &[u8]) -> impl ExactSizeIterator<Item = u8> + Clone {
 }
 
 /// Where a line ends in Grbl's single precision, which no comparison of targets looks at.
-fn single_mm(outcome: &Outcome) -> Vec<u32> {
+fn single_mm(outcome: &LineCommands) -> Vec<u32> {
     match outcome.commands.as_slice() {
         [Command::Line { target, .. }] => target.single_mm.iter().map(|mm| mm.to_bits()).collect(),
         other => panic!("{other:?} is not one line"),
@@ -115,7 +115,7 @@ fn an_increment_counts_in_single_precision_from_where_the_position_was_set() {
     let mut set = after(&["G91G1X5Y5F100"]);
     set.set_position(um(12_300, -700, 0));
     for [x, y] in [["X0.002", "Y0.002"], ["X-1.7", "Y0.3"]] {
-        let readers: [fn(&mut Interpreter, &str, &Settings) -> Outcome; 2] = [
+        let readers: [fn(&mut Interpreter, &str, &Settings) -> LineCommands; 2] = [
             |machine, line, settings| plain(machine, line, settings).unwrap().1,
             |machine, line, _| send(machine, line).unwrap(),
         ];
@@ -217,7 +217,7 @@ fn a_truncated_line_changes_nothing_and_may_be_plain_yet() {
             assert!(result.is_ok(), "{length}");
             return;
         }
-        assert_eq!(result.err(), Some(Refusal::Incomplete), "{length}");
+        assert_eq!(result.err(), Some(NotPlain::Incomplete), "{length}");
         assert_eq!(machine, Interpreter::new(), "{length}");
         // A line that does not stay where it waits is continued in the same way.
         let (text, same) = (b"G1F100X-1.5Y2", &settings);
@@ -284,7 +284,7 @@ proptest! {
                     let continued = machine.check_after(&prefix, text, &settings);
                     prop_assert_eq!(&continued, &checked, "{}", line);
                     if let Ok(checked) = checked {
-                        machine.commit(&checked, &mut Outcome::default());
+                        machine.commit(&checked, &mut LineCommands::default());
                     }
                     continue;
                 }
@@ -293,7 +293,7 @@ proptest! {
                 TestCaseError::fail(format!("{line:?} is plain and {error}"))
             })?;
             let mut other = before;
-            let mut long = Outcome::default();
+            let mut long = LineCommands::default();
             other.commit(&checked, &mut long);
             prop_assert_eq!(&machine, &other, "{}", line);
             prop_assert_eq!(&short, &long, "{}", line);

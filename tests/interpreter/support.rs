@@ -4,7 +4,7 @@ use leadscrew::{
     axis::Axes,
     gcode::{
         LineError,
-        interpreter::{Interpreter, Outcome},
+        interpreter::{Interpreter, LineCommands},
     },
     model::{Command, FeedRate},
     settings::Settings,
@@ -12,9 +12,9 @@ use leadscrew::{
 };
 
 /// Sends one line.
-pub(crate) fn send(machine: &mut Interpreter, line: &str) -> Result<Outcome, LineError> {
+pub(crate) fn send(machine: &mut Interpreter, line: &str) -> Result<LineCommands, LineError> {
     let checked = machine.check(line.as_bytes(), &Settings::default())?;
-    let mut outcome = Outcome::default();
+    let mut outcome = LineCommands::default();
     machine.commit(&checked, &mut outcome);
     Ok(outcome)
 }

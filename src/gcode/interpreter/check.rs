@@ -5,7 +5,7 @@
 use core::ops::RangeInclusive;
 
 use super::{
-    Action, Checked, Hint, Interpreter, LineKind, Move, arc, commit, compensation, cycle,
+    Action, CheckedLine, Hint, Interpreter, LineKind, Move, arc, commit, compensation, cycle,
     drilling::Drilling, home, offsets, power, reach::check_position, targets, tools,
 };
 use crate::{
@@ -26,7 +26,7 @@ pub(super) fn check(
     line: &[u8],
     kind: LineKind,
     settings: &Settings,
-) -> Result<Checked, LineError> {
+) -> Result<CheckedLine, LineError> {
     check_parsed(state, &parse(state, prefix, line, kind)?, kind, settings)
 }
 
@@ -35,7 +35,7 @@ fn check_parsed(
     parsed: &ParsedLine,
     kind: LineKind,
     settings: &Settings,
-) -> Result<Checked, LineError> {
+) -> Result<CheckedLine, LineError> {
     let mut unused = parsed.words;
     let mut checked = unchanged(state, kind, parsed);
     check_modes(state, settings, parsed, &mut unused, &mut checked)?;
@@ -108,8 +108,8 @@ pub(in crate::gcode) fn is_program_mark(line: &[u8]) -> bool {
 }
 
 /// The line's modes and values, without a command.
-fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checked {
-    Checked {
+fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> CheckedLine {
+    CheckedLine {
         kind,
         modal: parsed.modal,
         action: Action::None,
@@ -146,7 +146,7 @@ fn check_modes(
     settings: &Settings,
     parsed: &ParsedLine,
     unused: &mut Words,
-    checked: &mut Checked,
+    checked: &mut CheckedLine,
 ) -> Result<(), LineError> {
     checked.modal.feed = match checked.kind {
         LineKind::Program => feed(parsed, &state.modal)?,
@@ -317,7 +317,7 @@ fn check_non_modal(
     settings: &Settings,
     parsed: &ParsedLine,
     unused: &mut Words,
-    checked: &mut Checked,
+    checked: &mut CheckedLine,
 ) -> Result<(), LineError> {
     match parsed.non_modal {
         NonModal::SetCoordinates if !parsed.l.is_whole() => return Err(LineError::NotInteger),
@@ -367,7 +367,7 @@ fn check_motion(
     settings: &Settings,
     parsed: &ParsedLine,
     unused: &mut Words,
-    checked: &mut Checked,
+    checked: &mut CheckedLine,
 ) -> Result<(), LineError> {
     let motion = parsed.modal.motion;
     if parsed.axis_command != AxisCommand::Motion {
@@ -421,7 +421,7 @@ fn check_motion(
 fn check_reach(
     state: &Interpreter,
     settings: &Settings,
-    checked: &Checked,
+    checked: &CheckedLine,
 ) -> Result<(), LineError> {
     if let Move::Cycle(words) = &checked.movement {
         let frame = offsets::frame(state, checked);
@@ -455,7 +455,7 @@ fn check_reach(
 }
 
 /// Whether the line switches the spindle or the coolant, or changes the tool or the work offset.
-fn changes_state(state: &Interpreter, checked: &Checked) -> bool {
+fn changes_state(state: &Interpreter, checked: &CheckedLine) -> bool {
     let (before, after) = (&state.modal, &checked.modal);
     checked.spindle.is_some()
         || before.coolant != after.coolant

@@ -21,7 +21,7 @@ pub(super) enum LineKind {
 
 /// A line without errors, ready to be committed. The default has no command, in the power-up modes.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Checked {
+pub struct CheckedLine {
     pub(super) kind: LineKind,
     /// The modal state after the line, but for the end of a program.
     pub(super) modal: Modal,
@@ -108,7 +108,7 @@ pub(super) enum Move {
     Cycle(CycleWords),
 }
 
-impl Checked {
+impl CheckedLine {
     /// The target of the axis words.
     #[must_use]
     pub fn target(&self) -> Target {

@@ -1,7 +1,7 @@
 //! The second phase of a line: its commands, in the NIST order of execution.
 
 use super::{
-    Action, Checked, Compensation, Interpreter, LineKind, Message, Move, Outcome,
+    Action, CheckedLine, Compensation, Interpreter, LineCommands, LineKind, Message, Move,
     drilling::Drilling,
 };
 use crate::{
@@ -17,7 +17,7 @@ use crate::{
 /// A longer dwell of a cycle is announced, ms.
 const LONG_DWELL_MS: u32 = 60_000;
 
-pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
+pub(super) fn commit(state: &mut Interpreter, checked: &CheckedLine, outcome: &mut LineCommands) {
     outcome.clear();
     outcome.ends_before_switch = checked.ends_before_switch && !state.has_reported_switch;
     state.has_reported_switch |= checked.ends_before_switch;
@@ -71,7 +71,7 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
 }
 
 /// Returns the message that a line begins with: of the dwell of a cycle, where it is another one.
-fn message(state: &Interpreter, checked: &Checked) -> Option<Message> {
+fn message(state: &Interpreter, checked: &CheckedLine) -> Option<Message> {
     let long_dwell = match &checked.movement {
         Move::Cycle(words) => {
             let is_new = state.modal.motion != checked.modal.motion
@@ -86,7 +86,7 @@ fn message(state: &Interpreter, checked: &Checked) -> Option<Message> {
     lacks_tools.or(long_dwell)
 }
 
-impl Outcome {
+impl LineCommands {
     /// Removes all commands and messages.
     pub(super) fn clear(&mut self) {
         self.commands.clear();
@@ -104,7 +104,7 @@ impl Outcome {
 }
 
 /// Spindle and coolant, where they change.
-fn add_switching(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
+fn add_switching(state: &mut Interpreter, checked: &CheckedLine, outcome: &mut LineCommands) {
     if let Some((spindle, rpm)) = checked.spindle {
         outcome.add(Command::Spindle { spindle, rpm });
         let runs = spindle != Spindle::Off && checked.power == Laser::None;
@@ -123,14 +123,14 @@ fn add_switching(state: &mut Interpreter, checked: &Checked, outcome: &mut Outco
 }
 
 /// The laser power of the moves that follow, in laser mode.
-fn add_laser_power(checked: &Checked, outcome: &mut Outcome) {
+fn add_laser_power(checked: &CheckedLine, outcome: &mut LineCommands) {
     if checked.power != Laser::None {
         outcome.add(Command::Power(checked.power));
     }
 }
 
 /// The command of modal group 0.
-fn execute_action(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
+fn execute_action(state: &mut Interpreter, checked: &CheckedLine, outcome: &mut LineCommands) {
     match checked.action {
         Action::None | Action::Dwell(_) | Action::SetAtContact { .. } => {}
         Action::SetOrigin(..) | Action::Store(_) => {
@@ -173,9 +173,9 @@ fn execute_action(state: &mut Interpreter, checked: &Checked, outcome: &mut Outc
 /// To a stored position: all axes at once, or first to the target and then the named axes.
 fn go_to(
     state: &mut Interpreter,
-    checked: &Checked,
+    checked: &CheckedLine,
     reference: StoredPosition,
-    outcome: &mut Outcome,
+    outcome: &mut LineCommands,
 ) {
     let stored = state.stored(reference);
     let target = if checked.axes == 0 {
@@ -195,7 +195,7 @@ fn go_to(
 }
 
 /// The feed of a move per minute: mm, or degrees where only rotary axes move, which have no inches.
-pub(super) fn feed(state: &Interpreter, checked: &Checked) -> f32 {
+pub(super) fn feed(state: &Interpreter, checked: &CheckedLine) -> f32 {
     let modal = &checked.modal;
     let only_turns = || {
         let mut linear = 0..=Z;
@@ -211,7 +211,7 @@ pub(super) fn feed(state: &Interpreter, checked: &Checked) -> f32 {
 }
 
 /// The move of the motion mode.
-fn add_movement(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
+fn add_movement(state: &mut Interpreter, checked: &CheckedLine, outcome: &mut LineCommands) {
     let feed_rate = match (checked.modal.motion, checked.modal.feed_mode) {
         (MotionMode::Rapid, _) => FeedRate::Rapid,
         (_, FeedMode::PerMinute) => FeedRate::Feed(feed(state, checked)),
@@ -236,7 +236,7 @@ fn add_movement(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcom
     state.set_target(checked);
 }
 
-fn line(target: Target, feed_rate: FeedRate, checked: &Checked) -> Command {
+fn line(target: Target, feed_rate: FeedRate, checked: &CheckedLine) -> Command {
     Command::Line {
         target,
         feed_rate,
@@ -245,7 +245,7 @@ fn line(target: Target, feed_rate: FeedRate, checked: &Checked) -> Command {
 }
 
 /// Program pause and program end. `F`, `S`, `T`, the unit, `G92` and the tool length stay.
-fn end_line(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
+fn end_line(state: &mut Interpreter, flow: Flow, outcome: &mut LineCommands) {
     match flow {
         Flow::Run | Flow::OptionalPause => {}
         Flow::Pause => outcome.add(Command::Pause),

@@ -3,7 +3,7 @@
 //! The moves stay those of the program here. What the cutter does beside them is found out behind the
 //! interpreter, in `path/compensation.rs`. Read with LinuxCNC 2.9 "G40", "G41" and "G42".
 
-use super::{Action, Checked, Interpreter, LineKind, Move};
+use super::{Action, CheckedLine, Interpreter, LineKind, Move};
 use crate::{
     axis::Axes,
     gcode::{
@@ -88,7 +88,7 @@ pub(super) fn set(
     state: &Interpreter,
     parsed: &ParsedLine,
     unused: &mut Words,
-    checked: &mut Checked,
+    checked: &mut CheckedLine,
 ) -> Result<(), LineError> {
     let before = &state.compensation;
     let is_other_plane = parsed.modal.plane != state.modal.plane;
@@ -149,7 +149,7 @@ fn cutter(
     state: &Interpreter,
     parsed: &ParsedLine,
     unused: &mut Words,
-    checked: &Checked,
+    checked: &CheckedLine,
 ) -> Result<Cutter, LineError> {
     let has_diameter = unused.contains(Word::D);
     unused.remove(Word::D);
@@ -181,7 +181,7 @@ fn cutter(
 fn diameter_of_tool(
     state: &Interpreter,
     parsed: &ParsedLine,
-    checked: &Checked,
+    checked: &CheckedLine,
 ) -> Result<Nm, LineError> {
     if parsed.d.is_negative() {
         return Err(LineError::NegativeValue);
@@ -202,7 +202,7 @@ fn diameter_of_tool(
 ///
 /// # Errors
 /// 91 and 205.
-pub(super) fn check_line(checked: &Checked) -> Result<(), LineError> {
+pub(super) fn check_line(checked: &CheckedLine) -> Result<(), LineError> {
     let compensation = &checked.compensation;
     let sets_active = matches!(
         checked.action,
@@ -219,7 +219,7 @@ pub(super) fn check_line(checked: &Checked) -> Result<(), LineError> {
     Ok(())
 }
 
-impl Checked {
+impl CheckedLine {
     /// Whether the line moves in the plane, from a position.
     pub(super) fn moves_in_plane(&self, from: &Axes<Nm>) -> bool {
         let (first, second, _) = self.modal.plane.axes();
@@ -281,7 +281,7 @@ impl Checked {
 impl Interpreter {
     /// Returns the move that a line which was checked makes in the plane of compensation.
     #[must_use]
-    pub fn compensated_move(&self, checked: &Checked) -> Option<CompensatedMove> {
+    pub fn compensated_move(&self, checked: &CheckedLine) -> Option<CompensatedMove> {
         if !checked.is_compensated() || !checked.moves_in_plane(&self.position) {
             return None;
         }
@@ -301,7 +301,7 @@ impl Interpreter {
 
     /// Returns the number of commands of a line that was checked before its move.
     #[must_use]
-    pub fn commands_before_move(&self, checked: &Checked) -> usize {
+    pub fn commands_before_move(&self, checked: &CheckedLine) -> usize {
         let (before, after) = (&self.modal, &checked.modal);
         usize::from(checked.spindle.is_some() || checked.speed.is_some())
             + usize::from(before.coolant != after.coolant)
@@ -333,7 +333,7 @@ impl Interpreter {
         settings: &Settings,
         cutter: Axes<Nm>,
         is_refused: impl FnOnce(&Axes<Nm>) -> bool,
-    ) -> Result<Checked, LineError> {
+    ) -> Result<CheckedLine, LineError> {
         let (compensation, position) = (self.compensation, self.position);
         self.cancel_compensation();
         self.set_position(cutter);

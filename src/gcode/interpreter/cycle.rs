@@ -4,7 +4,7 @@
 //! G73 to G89, and RS274NGC 3, section 3.5.16.
 
 use super::{
-    Checked, Interpreter,
+    CheckedLine, Interpreter,
     drilling::{CycleWords, Drilling},
     offsets, targets,
 };
@@ -23,7 +23,7 @@ pub(super) fn words(
     state: &Interpreter,
     parsed: &ParsedLine,
     unused: &mut Words,
-    checked: &Checked,
+    checked: &CheckedLine,
     cycle: Cycle,
 ) -> Result<CycleWords, LineError> {
     let modal = &checked.modal;
@@ -109,7 +109,7 @@ pub(super) fn missing_letter(state: &Interpreter, parsed: &ParsedLine) -> Option
 }
 
 /// Checks the modes and the axis words that a cycle needs.
-fn check_mode(parsed: &ParsedLine, checked: &Checked, cycle: Cycle) -> Result<(), LineError> {
+fn check_mode(parsed: &ParsedLine, checked: &CheckedLine, cycle: Cycle) -> Result<(), LineError> {
     if checked.modal.feed_mode == FeedMode::InverseTime {
         Err(LineError::CycleNeedsFeedPerMinute)
     } else if parsed.axes >> (Z + 1) != 0 {

@@ -4,7 +4,7 @@
 //! cycle began, if that is higher.
 
 use super::{
-    Checked, Interpreter,
+    CheckedLine, Interpreter,
     offsets::{self, Frame},
 };
 use crate::{
@@ -145,7 +145,7 @@ const fn steps(cycle: Cycle) -> &'static [HoleStep] {
 
 impl Drilling {
     /// The holes of a line that is to be executed in the present state.
-    pub(super) fn new(state: &Interpreter, checked: &Checked, words: &CycleWords) -> Self {
+    pub(super) fn new(state: &Interpreter, checked: &CheckedLine, words: &CycleWords) -> Self {
         let modal = &checked.modal;
         let (first, second, _) = modal.plane.axes();
         let position = offsets::present(state, &offsets::frame(state, checked));

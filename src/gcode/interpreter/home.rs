@@ -3,7 +3,7 @@
 //!
 //! Read with grblHAL `machine_limits.c` (`apply_jog_limits`).
 
-use super::{Checked, Interpreter, offsets};
+use super::{CheckedLine, Interpreter, offsets};
 use crate::{
     axis::{AXES, Axes, LINEAR, Z},
     gcode::StoredPosition,
@@ -116,7 +116,7 @@ fn jog_end(state: &Interpreter, settings: &Settings, axis: usize, from: Nm, to: 
 }
 
 /// Shortens a jog, in its direction, to the travel of the axes that are homed. One that begins outside may come back.
-pub(super) fn shorten_jog(state: &Interpreter, settings: &Settings, checked: &mut Checked) {
+pub(super) fn shorten_jog(state: &Interpreter, settings: &Settings, checked: &mut CheckedLine) {
     let from = state.position;
     let to = checked.values;
     let ends = Axes::from_fn(|axis| jog_end(state, settings, axis, from[axis], to[axis]));

@@ -31,7 +31,7 @@ use drilling::{CycleWords, Drilling};
 use home::Home;
 use offsets::Frame;
 
-pub use checked::Checked;
+pub use checked::CheckedLine;
 pub use compensation::CompensatedMove;
 pub use offsets::Offsets;
 pub use tool_change::Interrupted;
@@ -88,7 +88,7 @@ pub struct Interpreter {
 
 /// The commands and messages of a committed line.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Outcome {
+pub struct LineCommands {
     /// The commands to execute, in order.
     pub commands: Vec<Command, COMMANDS>,
     /// The message before the line's `ok`, after the commands have been executed.
@@ -157,7 +157,7 @@ impl Interpreter {
     /// # Errors
     /// The first that Grbl would find. A target or offset that an axis cannot count
     /// ([`Settings::farthest`]) is [`LineError::InvalidTarget`].
-    pub fn check(&self, line: &[u8], settings: &Settings) -> Result<Checked, LineError> {
+    pub fn check(&self, line: &[u8], settings: &Settings) -> Result<CheckedLine, LineError> {
         self.check_after(&PlainPrefix::default(), line, settings)
     }
 
@@ -170,7 +170,7 @@ impl Interpreter {
         prefix: &PlainPrefix,
         line: &[u8],
         settings: &Settings,
-    ) -> Result<Checked, LineError> {
+    ) -> Result<CheckedLine, LineError> {
         check::check(self, prefix, line, LineKind::Program, settings)
     }
 
@@ -191,7 +191,7 @@ impl Interpreter {
     ///
     /// # Errors
     /// The first that Grbl would find; [`LineError::NoAxisWords`] for a jog without axis words.
-    pub fn check_jog(&self, line: &[u8], settings: &Settings) -> Result<Checked, LineError> {
+    pub fn check_jog(&self, line: &[u8], settings: &Settings) -> Result<CheckedLine, LineError> {
         let prefix = PlainPrefix::default();
         check::check(self, &prefix, line, LineKind::Jog, settings)
     }
@@ -199,7 +199,7 @@ impl Interpreter {
     /// The stored offsets and positions after a line that was checked; `None` where the line stores
     /// none.
     #[must_use]
-    pub fn origins_after(&self, checked: &Checked) -> Option<Origins> {
+    pub fn origins_after(&self, checked: &CheckedLine) -> Option<Origins> {
         let mut origins = self.offsets.origins;
         match checked.action {
             Action::None
@@ -224,7 +224,11 @@ impl Interpreter {
     /// Returns the offsets and stored positions after the contact of a line that has been committed and probes
     /// with a `P`, by the machine position of the contact.
     #[must_use]
-    pub fn origins_after_contact(&self, checked: &Checked, contact: &Axes<Nm>) -> Option<Origins> {
+    pub fn origins_after_contact(
+        &self,
+        checked: &CheckedLine,
+        contact: &Axes<Nm>,
+    ) -> Option<Origins> {
         let Action::SetAtContact { axis, value } = checked.action else {
             return None;
         };
@@ -235,7 +239,7 @@ impl Interpreter {
     }
 
     /// Executes a line that was checked against the present state. `outcome` is then that of the line.
-    pub fn commit(&mut self, checked: &Checked, outcome: &mut Outcome) {
+    pub fn commit(&mut self, checked: &CheckedLine, outcome: &mut LineCommands) {
         commit::commit(self, checked, outcome);
     }
 
@@ -308,7 +312,7 @@ impl Interpreter {
     /// Whether the spindle should run in the move of a line that was checked: it has before, and has not
     /// been switched on since the tool was changed.
     #[must_use]
-    pub fn lacks_spindle(&self, checked: &Checked) -> bool {
+    pub fn lacks_spindle(&self, checked: &CheckedLine) -> bool {
         self.lacks_spindle && checked.feeds() && checked.modal.spindle == Spindle::Off
     }
 
@@ -319,7 +323,7 @@ impl Interpreter {
     }
 
     /// Pauses because the spindle does not run, but once.
-    pub fn pause_without_spindle(&mut self, outcome: &mut Outcome) {
+    pub fn pause_without_spindle(&mut self, outcome: &mut LineCommands) {
         self.lacks_spindle = false;
         self.update_plain_modes();
         outcome.clear();
@@ -404,7 +408,7 @@ impl Interpreter {
     }
 
     /// Makes the target of a line the programmed position.
-    fn set_target(&mut self, checked: &Checked) {
+    fn set_target(&mut self, checked: &CheckedLine) {
         self.position = checked.values;
         self.single_mm = checked.single_mm;
         self.work_position = checked.work_target;

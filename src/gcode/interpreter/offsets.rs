@@ -3,7 +3,7 @@
 //! Machine position = origin + rotation · (work position + `G92`) + tool length offset, where the
 //! rotation is about Z: in the plane of X and Y. Read with LinuxCNC 2.9 "Coordinate Systems".
 
-use super::{Checked, Interpreter};
+use super::{CheckedLine, Interpreter};
 use crate::{
     axis::{Axes, X, Y},
     gcode::StoredPosition,
@@ -122,7 +122,7 @@ impl Frame {
 
 /// Returns the work coordinates in which a line is executed: it may change the system and the tool
 /// length offset first.
-pub(super) fn frame(state: &Interpreter, checked: &Checked) -> Frame {
+pub(super) fn frame(state: &Interpreter, checked: &CheckedLine) -> Frame {
     let system = checked.modal.coordinates;
     if system == state.modal.coordinates && checked.tool == state.offsets.tool {
         state.frame
@@ -132,7 +132,11 @@ pub(super) fn frame(state: &Interpreter, checked: &Checked) -> Frame {
 }
 
 /// The same in a system.
-pub(super) fn frame_of(state: &Interpreter, checked: &Checked, system: WorkCoordinates) -> Frame {
+pub(super) fn frame_of(
+    state: &Interpreter,
+    checked: &CheckedLine,
+    system: WorkCoordinates,
+) -> Frame {
     let offsets = &state.offsets;
     let known = &state.frame.rotation;
     Frame::of(

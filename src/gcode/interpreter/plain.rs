@@ -8,10 +8,10 @@
 //! A plain line is read where it waits, checked and executed at once, without a copy of all that a
 //! line could change: nearly all lines of a program are plain.
 
-use super::{Action, Checked, Interpreter, LineKind, Move, Outcome, reach};
+use super::{Action, CheckedLine, Interpreter, LineCommands, LineKind, Move, reach};
 use crate::{
     axis::AXES,
-    gcode::{Distance, FEEDS_MM_MIN, Flow, MotionMode, PlainPrefix, Refusal, Word, Words},
+    gcode::{Distance, FEEDS_MM_MIN, Flow, MotionMode, NotPlain, PlainPrefix, Word, Words},
     model::{Command, FeedRate, Target},
     settings::Settings,
     units::Nm,
@@ -24,7 +24,7 @@ impl Interpreter {
     /// the end of the line.
     ///
     /// # Errors
-    /// [`Refusal`] for any other line, and for one with an error: nothing has changed then, and
+    /// [`NotPlain`] for any other line, and for one with an error: nothing has changed then, and
     /// `prefix` has the plain words that the line begins with, for [`Self::check_after`].
     #[inline(never)]
     pub fn execute_plain<I: ExactSizeIterator<Item = u8> + Clone>(
@@ -32,13 +32,13 @@ impl Interpreter {
         bytes: [I; 2],
         settings: &Settings,
         prefix: &mut PlainPrefix,
-        checked: &mut Checked,
-        outcome: &mut Outcome,
-    ) -> Result<usize, Refusal> {
+        checked: &mut CheckedLine,
+        outcome: &mut LineCommands,
+    ) -> Result<usize, NotPlain> {
         let modal = &self.modal;
         if !self.has_plain_modes || settings.laser {
             prefix.words = Words::NONE;
-            return Err(Refusal::NotPlain);
+            return Err(NotPlain::OtherWords);
         }
         prefix.motion = modal.motion;
         prefix.feed = modal.feed;
@@ -54,12 +54,12 @@ impl Interpreter {
             | MotionMode::Probe(_)
             | MotionMode::Cycle(_)
             | MotionMode::Cancelled => {
-                return Err(Refusal::NotPlain);
+                return Err(NotPlain::OtherWords);
             }
         };
-        let target = target(self, prefix).ok_or(Refusal::NotPlain)?;
+        let target = target(self, prefix).ok_or(NotPlain::OtherWords)?;
         if !prefix.words.contains(Word::AXES) || !reach::is_within_min_reach(&target.position) {
-            return Err(Refusal::NotPlain);
+            return Err(NotPlain::OtherWords);
         }
         self.modal.motion = prefix.motion;
         self.modal.feed = prefix.feed;

@@ -5,7 +5,7 @@
 //! moves needs no standstill, and moves that must not burn (`G0`, probing) have none. Read with Grbl 1.1
 //! `laser_mode.md`.
 
-use super::{Action, Checked, Interpreter};
+use super::{Action, CheckedLine, Interpreter};
 use crate::{
     gcode::MotionMode,
     model::{Laser, Spindle},
@@ -18,7 +18,7 @@ pub(super) fn set(
     state: &Interpreter,
     settings: &Settings,
     is_motion: bool,
-    checked: &mut Checked,
+    checked: &mut CheckedLine,
 ) {
     let (before, after) = (&state.modal, &checked.modal);
     let is_laser = settings.laser;

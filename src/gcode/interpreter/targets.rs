@@ -1,7 +1,7 @@
 //! Axis words to coordinates: targets of moves, origins, offsets.
 
 use super::{
-    Action, Checked, Interpreter, home,
+    Action, CheckedLine, Interpreter, home,
     offsets::{Frame, frame, frame_of, present},
     reach::check_position,
 };
@@ -57,7 +57,7 @@ pub(super) fn system_to_set(
 pub(super) fn new_origin(
     state: &Interpreter,
     parsed: &ParsedLine,
-    checked: &Checked,
+    checked: &CheckedLine,
     system: WorkCoordinates,
 ) -> (Axes<Nm>, MicroDegrees) {
     let offsets = &state.offsets;
@@ -124,7 +124,7 @@ pub(super) fn set_contact(
     settings: &Settings,
     parsed: &ParsedLine,
     unused: &mut Words,
-    checked: &mut Checked,
+    checked: &mut CheckedLine,
 ) -> Result<(), LineError> {
     let is_for_probe = unused.contains(Word::P)
         && !parsed.has_path_tolerance()
@@ -150,7 +150,7 @@ pub(super) fn set_contact(
 pub(super) fn new_work_offset(
     state: &Interpreter,
     parsed: &ParsedLine,
-    checked: &Checked,
+    checked: &CheckedLine,
 ) -> Axes<Nm> {
     let present = present(state, &frame(state, checked));
     Axes::from_fn(|axis| {
@@ -179,7 +179,7 @@ pub(super) fn set_target(
     state: &Interpreter,
     settings: &Settings,
     parsed: &ParsedLine,
-    checked: &mut Checked,
+    checked: &mut CheckedLine,
 ) {
     let frame = frame(state, checked);
     let is_of_machine = parsed.non_modal == NonModal::MachineCoordinates;
@@ -232,7 +232,7 @@ fn set_rotated_target(
     state: &Interpreter,
     parsed: &ParsedLine,
     frame: &Frame,
-    checked: &mut Checked,
+    checked: &mut CheckedLine,
 ) {
     let present = present(state, frame);
     let target = Axes::from_fn(|axis| {
@@ -257,7 +257,7 @@ fn set_rotated_target(
 
 /// Returns the present position and the target between which an arc is computed: in work
 /// coordinates, where its plane is rotated.
-pub(super) fn ends(state: &Interpreter, checked: &Checked) -> (Frame, Axes<Nm>, Axes<Nm>) {
+pub(super) fn ends(state: &Interpreter, checked: &CheckedLine) -> (Frame, Axes<Nm>, Axes<Nm>) {
     let frame = frame(state, checked);
     if frame.rotation.is_none() {
         (frame, state.position, checked.values)

@@ -1,6 +1,6 @@
 //! A change of the tool: what happens before the machine waits for it, and after.
 
-use super::{Checked, Compensation, CycleWords, Interpreter, Outcome};
+use super::{CheckedLine, Compensation, CycleWords, Interpreter, LineCommands};
 use crate::{
     axis::{Axes, Z},
     gcode::{Modal, StoredPosition},
@@ -22,9 +22,9 @@ impl Interpreter {
     /// a height, Z goes there, or stays above it, and then the machine to the position of `G30`.
     pub fn begin_tool_change(
         &mut self,
-        checked: &Checked,
+        checked: &CheckedLine,
         height: Option<Nm>,
-        outcome: &mut Outcome,
+        outcome: &mut LineCommands,
     ) -> Interrupted {
         let interrupted = Interrupted {
             modal: self.modal,
@@ -57,7 +57,7 @@ impl Interpreter {
         &mut self,
         interrupted: &Interrupted,
         tool: u8,
-        outcome: &mut Outcome,
+        outcome: &mut LineCommands,
     ) {
         outcome.clear();
         outcome.shows_tool = self.loaded_tool != tool;
@@ -85,7 +85,7 @@ impl Interpreter {
         self.update_plain_modes();
     }
 
-    fn switch_coolant(&mut self, coolant: Coolant, outcome: &mut Outcome) {
+    fn switch_coolant(&mut self, coolant: Coolant, outcome: &mut LineCommands) {
         if self.modal.coolant != coolant {
             self.modal.coolant = coolant;
             outcome.add(Command::Coolant(coolant));
@@ -93,7 +93,7 @@ impl Interpreter {
     }
 
     /// Rapids to a position: Z to a height, the other axes, Z.
-    fn travel(&mut self, target: &Axes<Nm>, height: Nm, outcome: &mut Outcome) {
+    fn travel(&mut self, target: &Axes<Nm>, height: Nm, outcome: &mut LineCommands) {
         if self.position == *target {
             return;
         }

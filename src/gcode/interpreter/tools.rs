@@ -4,7 +4,7 @@
 
 use core::num::NonZeroU8;
 
-use super::{Action, Checked, Interpreter, offsets::Frame, reach, targets};
+use super::{Action, CheckedLine, Interpreter, offsets::Frame, reach, targets};
 use crate::{
     axis::{Axes, LINEAR, X, Y},
     decimal::Decimal,
@@ -19,7 +19,7 @@ pub(super) fn set_length(
     state: &Interpreter,
     parsed: &ParsedLine,
     unused: &mut Words,
-    checked: &mut Checked,
+    checked: &mut CheckedLine,
 ) -> Result<(), LineError> {
     let before = state.offsets.tool;
     let given = |none: Axes<Nm>| {
@@ -56,7 +56,7 @@ fn length_of_tool(
     state: &Interpreter,
     parsed: &ParsedLine,
     unused: &mut Words,
-    checked: &mut Checked,
+    checked: &mut CheckedLine,
 ) -> Result<Axes<Nm>, LineError> {
     unused.remove(Word::H);
     let number = match tool_number(parsed.h)? {
@@ -90,7 +90,7 @@ pub(super) fn set_entry(
     settings: &Settings,
     parsed: &ParsedLine,
     unused: &mut Words,
-    checked: &mut Checked,
+    checked: &mut CheckedLine,
 ) -> Result<(), LineError> {
     if parsed.axes == 0 && !unused.contains(Word::R) {
         return Err(LineError::NoAxisWords);
@@ -133,7 +133,7 @@ pub(super) fn set_entry(
 }
 
 /// Moves the offset of a tool so that the present position gets the given values.
-fn measure(state: &Interpreter, parsed: &ParsedLine, checked: &Checked, entry: &mut ToolEntry) {
+fn measure(state: &Interpreter, parsed: &ParsedLine, checked: &CheckedLine, entry: &mut ToolEntry) {
     let offsets = &state.offsets;
     let (system, work) = if parsed.subcode() == 10 {
         (checked.modal.coordinates, offsets.work)
@@ -173,7 +173,7 @@ fn check_entry(entry: &ToolEntry, settings: &Settings) -> Result<(), LineError> 
     reach::check_position(settings, &along_all_axes(&entry.offset))
 }
 
-impl Checked {
+impl CheckedLine {
     /// Returns whether the line sets a tool of the tool table.
     #[must_use]
     pub fn sets_tool(&self) -> bool {

@@ -144,7 +144,7 @@ impl RepRap {
         match byte {
             b'?' => session.reports.is_status_due = true,
             0x18 => self.stop(RestartKind::Plain, session),
-            _ => session.requests.accept_later(byte, number),
+            _ => session.requests.accept_from_interpret(byte, number),
         }
         *session.has_release_request = true;
     }

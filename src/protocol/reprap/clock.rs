@@ -172,7 +172,9 @@ impl RepRap {
         let left_ms = left_ms.saturating_sub(passed_ms);
         self.pause_ms = (left_ms != 0).then_some(left_ms);
         if left_ms == 0 {
-            session.requests.accept_later(b'~', received.oldest());
+            session
+                .requests
+                .accept_from_interpret(b'~', received.oldest());
             *session.has_release_request = true;
         }
     }

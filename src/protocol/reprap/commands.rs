@@ -238,11 +238,11 @@ fn override_feed(session: &mut SessionContext<'_>, percent: u8, received: usize)
     } else {
         (Override::FeedMore, Override::FeedFineMore)
     };
-    requests.accept_later(Override::FeedReset as u8, received);
+    requests.accept_from_interpret(Override::FeedReset as u8, received);
     for _ in 0..difference / 10 {
-        requests.accept_later(ten as u8, received);
+        requests.accept_from_interpret(ten as u8, received);
     }
     for _ in 0..difference % 10 {
-        requests.accept_later(one as u8, received);
+        requests.accept_from_interpret(one as u8, received);
     }
 }

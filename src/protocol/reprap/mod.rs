@@ -236,7 +236,7 @@ impl RepRap {
         self.scan.begin(received.oldest());
         self.busy_interval_s = session.settings.busy_interval_s;
         self.timers = Timers::since(session.requests.ticks());
-        session.requests.sort_later(self.is_on);
+        session.requests.defer(self.is_on);
     }
 
     /// Forgets what has been received and numbered.

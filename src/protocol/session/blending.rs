@@ -10,7 +10,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{LineStage, Links, Session, machine_sync::MachineSync};
+use super::{LineStage, Ports, Session, machine_sync::MachineSync};
 use crate::{
     machine::Snapshot,
     model::{Command, PathControl, State},
@@ -49,10 +49,10 @@ impl Session {
     }
 
     /// Sends the moves that are held back, if the machine would soon brake without them.
-    pub(super) fn flush_moves_in_time(&mut self, links: &mut Links<'_, '_>) {
+    pub(super) fn flush_moves_in_time(&mut self, ports: &mut Ports<'_, '_>) {
         if self.blender.has_pending() {
             let (router, blender) = (&mut self.router, &mut self.blender);
-            (self.machine_sync).flush_near_end(links.machine, router, blender, links.entries);
+            (self.machine_sync).flush_near_end(ports.machine, router, blender, ports.entries);
         }
     }
 

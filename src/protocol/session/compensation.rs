@@ -4,7 +4,7 @@
 //! waits for each answer would stand still otherwise. The machine stops at the start of a move that waits
 //! when nothing follows. What needs standstill looks at the motion, not at the move that waits.
 
-use super::{LineStage, Links, Progress, Session};
+use super::{LineStage, Ports, Progress, Session};
 use crate::{
     axis::Axes,
     gcode::LineError,
@@ -107,10 +107,10 @@ impl Session {
 
     /// Sends what is released, and the commands of the line from the given one on, as far as there is room.
     #[inline(never)]
-    pub(super) fn send_compensated(&mut self, first: usize, links: &mut Links<'_, '_>) -> Progress {
+    pub(super) fn send_compensated(&mut self, first: usize, ports: &mut Ports<'_, '_>) -> Progress {
         let mut next = first;
         loop {
-            if !self.send_released(links) {
+            if !self.send_released(ports) {
                 self.stage = LineStage::Compensating(next);
                 return Progress::Waiting;
             }
@@ -119,7 +119,7 @@ impl Session {
             }
             let settings = &self.persistence.stored.settings;
             if settings.soft_limits && self.compensator.leaves_travel(settings) {
-                return self.send_fault(links);
+                return self.send_fault(ports);
             }
         }
         let line = &mut self.line;
@@ -130,7 +130,7 @@ impl Session {
         if line.is_compensated {
             line.outcome.commands.clear();
         }
-        self.send_commands(0, links)
+        self.send_commands(0, ports)
     }
 
     /// Adds the next command of the line to what is compensated, or releases what waits where the contour
@@ -155,11 +155,11 @@ impl Session {
     }
 
     /// Sends what is released, as far as there is room. Returns whether all of it has been sent.
-    fn send_released(&mut self, links: &mut Links<'_, '_>) -> bool {
+    fn send_released(&mut self, ports: &mut Ports<'_, '_>) -> bool {
         while let Some(command) = self.compensator.front() {
-            let is_checking = links.machine.state == State::Check;
+            let is_checking = ports.machine.state == State::Check;
             let control = self.compensator.control();
-            if !is_checking && !self.send_one(&command, control, links) {
+            if !is_checking && !self.send_one(&command, control, ports) {
                 return false;
             }
             self.compensator.dequeue();

@@ -1,6 +1,6 @@
 //! The session's end of the dialects that it does not speak itself, and lines with numbers in Grbl's words.
 
-use super::{AfterCommands, LineStage, Links, Progress, Session};
+use super::{AfterCommands, LineStage, Ports, Progress, Session};
 use crate::{
     gcode::{LineError, PlainPrefix},
     machine::Snapshot,
@@ -15,15 +15,15 @@ use crate::{
 impl Session {
     /// Lends a dialect what it works with.
     #[inline]
-    fn lend<'a>(&'a mut self, links: &Links<'a, '_>) -> (&'a mut RepRap, SessionContext<'a>) {
-        let is_done = self.is_done(links.machine);
+    fn lend<'a>(&'a mut self, ports: &Ports<'a, '_>) -> (&'a mut RepRap, SessionContext<'a>) {
+        let is_done = self.is_done(ports.machine);
         let reset_count = self.machine_sync.reset_count;
         let has_reset = !matches!(self.stage, LineStage::Starting { .. })
-            && links.machine.reset_count == reset_count
-            && links.requests.reset_count() == reset_count;
+            && ports.machine.reset_count == reset_count
+            && ports.requests.reset_count() == reset_count;
         let conversation = SessionContext {
-            machine: links.machine,
-            requests: links.requests,
+            machine: ports.machine,
+            requests: ports.requests,
             settings: &self.persistence.stored.settings,
             interpreter: &mut self.interpreter,
             reports: &mut self.reports,
@@ -41,7 +41,7 @@ impl Session {
     /// Adopts the dialect, once the line that changes it has been answered, and does what cannot wait for the lines
     /// before it.
     #[inline]
-    pub(super) fn attend_dialect(&mut self, links: &mut Links<'_, '_>) {
+    pub(super) fn attend_dialect(&mut self, ports: &mut Ports<'_, '_>) {
         let dialect = Dialect::of(self.settings());
         let is_between_lines = matches!(
             self.stage,
@@ -53,45 +53,45 @@ impl Session {
             self.lines.reset();
         }
         if is_changed || self.needs_clock() {
-            let has_room = links.entries.ready();
-            let (host, mut conversation) = self.lend(links);
-            if let Some(work) = host.attend(&mut conversation, links.received, has_room) {
-                self.send_work(work, links);
+            let has_room = ports.entries.ready();
+            let (host, mut conversation) = self.lend(ports);
+            if let Some(work) = host.attend(&mut conversation, ports.received, has_room) {
+                self.send_work(work, ports);
             }
         }
     }
 
     /// Returns what a dialect beside Grbl's makes of the next line, or of the one that has been begun.
     #[inline]
-    pub(super) fn read_in_dialect(&mut self, links: &mut Links<'_, '_>) -> Option<NextStep> {
-        let (host, mut conversation) = self.lend(links);
-        host.read_line(&mut conversation, links.received)
+    pub(super) fn read_in_dialect(&mut self, ports: &mut Ports<'_, '_>) -> Option<NextStep> {
+        let (host, mut conversation) = self.lend(ports);
+        host.read_line(&mut conversation, ports.received)
     }
 
     /// Does what a dialect has made of a line.
-    pub(super) fn take_step(&mut self, step: NextStep, links: &mut Links<'_, '_>) -> Progress {
+    pub(super) fn take_step(&mut self, step: NextStep, ports: &mut Ports<'_, '_>) -> Progress {
         match step {
             NextStep::Wait => {
-                self.flush_moves_in_time(links);
+                self.flush_moves_in_time(ports);
                 return Progress::Waiting;
             }
             NextStep::Skip => return self.begin_line(),
             NextStep::Execute => {
                 self.line.prefix = PlainPrefix::default();
-                return self.dispatch(links);
+                return self.dispatch(ports);
             }
             NextStep::Answer(result) => return self.end_line(result),
             NextStep::AwaitStandstill => return self.await_standstill(),
-            NextStep::Home(mask) => return self.home(mask, links),
+            NextStep::Home(mask) => return self.home(mask, ports),
             NextStep::Reset { is_answered: true } => return self.answer_and_reset(),
             NextStep::Reset { is_answered: false } => self.stage = LineStage::Resetting,
             NextStep::List(line) => self.stage = LineStage::ListingInDialect(line),
             NextStep::Drivers(are_on) => {
-                self.send_work(Work::Drivers(are_on), links);
+                self.send_work(Work::Drivers(are_on), ports);
                 self.stage = LineStage::Completing(AfterCommands::Answer);
             }
             NextStep::Configure => {
-                self.configure(links);
+                self.configure(ports);
                 self.stage = LineStage::Completing(AfterCommands::Answer);
             }
         }
@@ -120,18 +120,18 @@ impl Session {
     /// Executes the next line, which may have a number and a checksum, or, when none has come, sends the moves that
     /// `G64` holds back in time.
     #[inline(never)]
-    pub(super) fn read_checked_line(&mut self, links: &mut Links<'_, '_>) -> Progress {
+    pub(super) fn read_checked_line(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         let lines = &mut self.lines;
-        if !lines.take_grbl(links.received) {
-            self.flush_moves_in_time(links);
+        if !lines.take_grbl(ports.received) {
+            self.flush_moves_in_time(ports);
             return Progress::Waiting;
         }
-        let has_lost = links.requests.take_losses_before(links.received.oldest());
+        let has_lost = ports.requests.take_losses_before(ports.received.oldest());
         // A line can be asked for again only if its sender gives it both.
         let is_unchecked = !lines.raw.has_checksum() || !lines.raw.has_number();
         match lines.verdict() {
             _ if has_lost && is_unchecked => {
-                return self.refuse_with_hold(LineError::BytesLost, links);
+                return self.refuse_with_hold(LineError::BytesLost, ports);
             }
             // A checksum may be right of what is left: two equal bytes change nothing of it.
             Verdict::Execute(_) | Verdict::SetNumber(_) if has_lost => {
@@ -161,7 +161,7 @@ impl Session {
             return self.refuse(LineError::LineOverflow);
         }
         lines.copy_words(&mut self.line.input);
-        self.dispatch(links)
+        self.dispatch(ports)
     }
 
     /// Asks for the line after the last accepted one, and refuses this one.

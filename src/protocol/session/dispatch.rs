@@ -3,21 +3,26 @@
 //! A line has no effect before everything it needs is there; then it goes to the machine as
 //! entries, and is answered. Read with Grbl 1.1 `protocol.c` and `system.c`.
 
-use super::{LineStage, Links, Progress, Session, Source};
+use super::{AfterCommands, LineStage, Ports, Progress, Session, Source};
 use crate::{
+    axis::{AXES, LINEAR},
     gcode::LineError,
     machine::Snapshot,
     model::{Levels, State},
     motion::BLOCKS,
+    path::Work,
     protocol::{
         dialect::SenderDialect,
         dollar::{Condition, Dollar, List},
         listing::{self, FaultCounts},
-        report,
+        report::{self, Feedback},
         text::{ReportUnit, Text},
     },
     settings::{self, STORED_LINE, StoredLine},
 };
+
+/// The axes that are homed unless others are named, beside those that home by marks.
+const LINEAR_AXES: u8 = (1 << LINEAR) - 1;
 
 /// A line of the answer to `$I`.
 #[derive(Debug, Clone, Copy)]
@@ -41,56 +46,56 @@ pub(super) fn answer(text: &mut Text, result: Result<(), LineError>) {
 
 impl Session {
     /// Refuses the line, or begins to execute it.
-    pub(super) fn dispatch(&mut self, links: &mut Links<'_, '_>) -> Progress {
+    pub(super) fn dispatch(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         if self.line.source != Source::Line {
             // The line has been dispatched before, and has waited.
-            return self.interpret(links);
+            return self.interpret(ports);
         }
-        let condition = self.condition(links.machine);
+        let condition = self.condition(ports.machine);
         match self.line.input.text() {
             Err(_) => self.refuse(LineError::LineOverflow),
             Ok([]) => {
                 if self.waits_for_message(false) {
                     return self.await_standstill();
                 }
-                self.queue_message(false, links.machine);
+                self.queue_message(false, ports.machine);
                 self.accept()
             }
-            Ok([b'$', ..]) if !self.is_refusing(links.machine) => {
-                self.execute_statement(condition, links)
+            Ok([b'$', ..]) if !self.is_refusing(ports.machine) => {
+                self.execute_statement(condition, ports)
             }
             Ok([b'$', ..]) => self.refuse(LineError::Locked),
             Ok(_) if condition == Condition::Alarm && self.host.rules().executes_when_locked => {
-                self.interpret(links)
+                self.interpret(ports)
             }
             Ok(_) if matches!(condition, Condition::Alarm | Condition::Jog) => {
                 self.refuse(LineError::Locked)
             }
             Ok(_) if self.machine_sync.follows_refused && condition != Condition::Check => {
-                self.hold_after_refusal(links)
+                self.hold_after_refusal(ports)
             }
-            Ok(_) => self.interpret(links),
+            Ok(_) => self.interpret(ports),
         }
     }
 
     /// Dispatches a line again that needs standstill. Moves that are held back are sent; a move without
     /// a step is done at once.
-    pub(super) fn dispatch_at_standstill(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        self.flush_moves(links.entries);
-        if !self.is_done(links.machine) {
+    pub(super) fn dispatch_at_standstill(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        self.flush_moves(ports.entries);
+        if !self.is_done(ports.machine) {
             Progress::Waiting
         } else if self.line.source == Source::Line
-            && let Some(step) = self.read_in_dialect(links)
+            && let Some(step) = self.read_in_dialect(ports)
         {
-            self.take_step(step, links)
+            self.take_step(step, ports)
         } else {
-            self.dispatch(links)
+            self.dispatch(ports)
         }
     }
 
     /// Executes a `$` statement.
-    fn execute_statement(&mut self, condition: Condition, links: &mut Links<'_, '_>) -> Progress {
-        let machine = links.machine;
+    fn execute_statement(&mut self, condition: Condition, ports: &mut Ports<'_, '_>) -> Progress {
+        let machine = ports.machine;
         let text = self.line.input.text().unwrap_or_default();
         let mut settings = self.persistence.stored.settings;
         let is_door_open = machine.inputs.has(Levels::DOOR);
@@ -108,14 +113,14 @@ impl Session {
             Err(error) => self.refuse(error),
             Ok(Dollar::Help) => self.answer_with(listing::help),
             Ok(Dollar::Modes) => self.report_modes(),
-            Ok(Dollar::List(list)) => self.list(list, 0, links.received.capacity()),
-            Ok(Dollar::Unlock) => self.unlock(links),
+            Ok(Dollar::List(list)) => self.list(list, 0, ports.received.capacity()),
+            Ok(Dollar::Unlock) => self.unlock(ports),
             Ok(Dollar::Check) if self.tool_change.is_manual() => self.refuse(LineError::ToolChange),
-            Ok(Dollar::Check) => self.begin_check(links),
+            Ok(Dollar::Check) => self.begin_check(ports),
             Ok(Dollar::EndCheck) => self.end_check(),
-            Ok(Dollar::Home(mask)) => self.home(mask, links),
-            Ok(Dollar::Sleep) => self.sleep(links),
-            Ok(Dollar::Jog(_)) => self.interpret_as(Source::Jog, links),
+            Ok(Dollar::Home(mask)) => self.home(mask, ports),
+            Ok(Dollar::Sleep) => self.sleep(ports),
+            Ok(Dollar::Jog(_)) => self.interpret_as(Source::Jog, ports),
             Ok(Dollar::StoreStartup(_, line)) if line.len() > STORED_LINE => {
                 self.refuse(LineError::StoredLineTooLong)
             }
@@ -125,7 +130,7 @@ impl Session {
                     start: text.len() - line.len(),
                     is_stored: false,
                 };
-                self.interpret_as(source, links)
+                self.interpret_as(source, ports)
             }
             Ok(Dollar::StoreBuildInfo(text)) => {
                 self.store_build_info(machine, StoredLine::from_slice(text).ok())
@@ -304,6 +309,104 @@ impl Session {
         } else {
             LineStage::Reading
         };
+        Progress::Again
+    }
+
+    /// Ends the lock of an alarm, once the machine stands still, and compensation in any state.
+    pub(super) fn unlock(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        if ports.machine.state != State::Alarm {
+            return self.end_compensation(ports.machine);
+        }
+        if ports.machine.failed_self_test {
+            return self.refuse(LineError::Locked);
+        }
+        if !self.is_done(ports.machine) {
+            return self.await_standstill();
+        }
+        self.cancel_compensation();
+        self.send_work(Work::Unlock, ports);
+        self.stage = LineStage::Completing(AfterCommands::Message(Feedback::Unlocked));
+        Progress::Again
+    }
+
+    /// Homes the axes of a mask, 0 for all.
+    pub(super) fn home(&mut self, mask: u8, ports: &mut Ports<'_, '_>) -> Progress {
+        if self.interpreter.is_compensating() {
+            return self.refuse(LineError::NotWithCompensation);
+        }
+        if ports.machine.failed_self_test {
+            return self.refuse(LineError::Locked);
+        }
+        if !self.is_done(ports.machine) {
+            return self.await_standstill();
+        }
+        let is_all = mask == 0;
+        let switches = if is_all {
+            (1 << AXES) - 1
+        } else {
+            u16::from(mask)
+        };
+        let switches = switches & !u16::from(self.settings().homing_marks);
+        if ports.machine.inputs.has(Levels(switches)) {
+            report::feedback(&mut self.reports.message, Feedback::CheckLimits);
+            return self.refuse(LineError::LimitsEngaged);
+        }
+        self.send_work(Work::Home(mask), ports);
+        self.stage = LineStage::Completing(AfterCommands::Home { mask });
+        Progress::Again
+    }
+
+    /// Ends homing. A failure has been reported as an alarm, and ends with a reset.
+    pub(super) fn end_homing(&mut self, machine: &Snapshot, mask: u8) -> Progress {
+        let rules = self.host.rules();
+        if machine.state == State::Alarm && rules.answers_when_stopped {
+            return self.refuse(LineError::Locked);
+        }
+        if machine.state == State::Alarm {
+            return self.answer_and_reset();
+        }
+        self.adopt_position(machine);
+        let settings = &self.persistence.stored.settings;
+        let axes = match mask {
+            0 => LINEAR_AXES | settings.homing_marks,
+            mask => mask,
+        };
+        self.interpreter.set_homed(axes, settings);
+        if mask != 0 || rules.answers_when_stopped {
+            return self.accept();
+        }
+        self.line.source = Source::Startup {
+            number: 0,
+            is_homed: true,
+        };
+        self.stage = LineStage::StartingUp(0);
+        Progress::Again
+    }
+
+    /// Begins check mode: programs are checked and not executed.
+    pub(super) fn begin_check(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        self.cancel_compensation();
+        self.tool_before_check = Some(self.interpreter.loaded_tool());
+        self.send_work(Work::Check, ports);
+        self.stage = LineStage::Completing(AfterCommands::Message(Feedback::CheckEnabled));
+        Progress::Again
+    }
+
+    /// Ends check mode, with a reset.
+    pub(super) fn end_check(&mut self) -> Progress {
+        report::feedback(&mut self.reports.message, Feedback::CheckDisabled);
+        self.answer_and_reset()
+    }
+
+    /// Switches everything off until a reset. The notice of the machine follows the answer.
+    pub(super) fn sleep(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        if !self.is_done(ports.machine) {
+            return self.await_standstill();
+        }
+        self.cancel_compensation();
+        self.send_work(Work::Sleep, ports);
+        answer(&mut self.reports.message, Ok(()));
+        self.stage = LineStage::Asleep;
         Progress::Again
     }
 }

@@ -4,7 +4,7 @@ use crate::{
     axis::{AXES, Axes},
     gcode::{
         LineError, PlainPrefix,
-        interpreter::{Checked, Hint, Interpreter, Message, Outcome},
+        interpreter::{CheckedLine, Hint, Interpreter, LineCommands, Message},
     },
     machine::Snapshot,
     model::{Alarm, Command, FeedRate, Levels, PathControl, Probing, Spindle, State},
@@ -45,13 +45,13 @@ pub(super) struct LineExecution {
     /// What follows the commands of the line.
     pub(super) after_commands: Option<AfterCommands>,
     /// The result of the last check.
-    pub(super) checked: Checked,
+    pub(super) checked: CheckedLine,
     /// The plain words that the line begins with.
     pub(super) prefix: PlainPrefix,
     /// The line as received.
     pub(super) input: Line,
     /// The commands of the line.
-    pub(super) outcome: Outcome,
+    pub(super) outcome: LineCommands,
     /// Whether these are compensated.
     pub(super) is_compensated: bool,
     /// The arc of which chords are being sent.
@@ -66,10 +66,10 @@ impl LineExecution {
         Self {
             source: Source::Line,
             after_commands: None,
-            checked: Checked::default(),
+            checked: CheckedLine::default(),
             prefix: PlainPrefix::default(),
             input: Line::new(),
-            outcome: Outcome::default(),
+            outcome: LineCommands::default(),
             is_compensated: false,
             tilted: None,
             drilling: None,

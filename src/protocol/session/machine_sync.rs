@@ -2,7 +2,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{AfterCommands, LineStage, Links, Session, Source, queued_duration::QueuedDuration};
+use super::{AfterCommands, LineStage, Ports, Session, Source, queued_duration::QueuedDuration};
 use crate::{
     axis::Axes,
     machine::Snapshot,
@@ -105,9 +105,9 @@ impl Session {
     }
 
     /// Sends work that needs standstill.
-    pub(super) fn send_work(&mut self, work: Work, links: &mut Links<'_, '_>) {
+    pub(super) fn send_work(&mut self, work: Work, ports: &mut Ports<'_, '_>) {
         let end_ms = self.router.duration_ms();
-        self.machine_sync.send(work, end_ms, links.entries);
+        self.machine_sync.send(work, end_ms, ports.entries);
     }
 
     /// Learns at standstill where the machine is, if that is not known, and that its jogs have ended.

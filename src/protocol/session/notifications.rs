@@ -3,7 +3,7 @@
 //! Notices come before the answer to the line in execution, as in Grbl, which checks for them in
 //! each of its waiting loops. Read with Grbl 1.1 `protocol.c` and `report.c`.
 
-use super::{Links, Session};
+use super::{Ports, Session};
 use crate::{
     machine::Snapshot,
     model::{Alarm, Notice, Probing},
@@ -19,31 +19,31 @@ const MAX_NOTICES: usize = 8;
 impl Session {
     /// Sends the message that waits, and all notices. Returns false when there is no room.
     #[inline]
-    pub(super) fn send_pending(&mut self, links: &mut Links<'_, '_>) -> bool {
+    pub(super) fn send_pending(&mut self, ports: &mut Ports<'_, '_>) -> bool {
         if self.reports.message.is_empty() {
             let text = &mut self.reports.message;
-            self.operator_messages.write_due(links.machine, text);
+            self.operator_messages.write_due(ports.machine, text);
         }
-        self.reports.flush(links.sent)
-            && (!self.reports.has_notices(links.machine) || self.send_notices(links))
+        self.reports.flush(ports.sent)
+            && (!self.reports.has_notices(ports.machine) || self.send_notices(ports))
     }
 
     /// Sends all notices. Returns false when there is no room.
     ///
     /// Before a welcome these are only alarms, the reason of the lock: an open door comes after it.
     #[inline(never)]
-    fn send_notices(&mut self, links: &mut Links<'_, '_>) -> bool {
+    fn send_notices(&mut self, ports: &mut Ports<'_, '_>) -> bool {
         for _ in 0..MAX_NOTICES {
             let mut seen = self.reports.notices;
-            let Some(notice) = links.machine.notices.next(&mut seen) else {
+            let Some(notice) = ports.machine.notices.next(&mut seen) else {
                 break;
             };
             if !self.stage.is_welcome_sent() && !matches!(notice, Notice::Alarm(_)) {
                 break;
             }
             self.reports.notices = seen;
-            self.write_notice(links.machine, notice);
-            if !self.reports.flush(links.sent) {
+            self.write_notice(ports.machine, notice);
+            if !self.reports.flush(ports.sent) {
                 return false;
             }
         }
@@ -97,8 +97,8 @@ impl Session {
     /// Grbl; a host of 3D printers gets its answers.
     ///
     /// When the step events ran out in motion, this is Grbl's alarm 3: the position may be lost.
-    pub(super) fn report_fault(&mut self, links: &mut Links<'_, '_>) -> bool {
-        if links.machine.has_underrun && !self.reports.has_reported_fault {
+    pub(super) fn report_fault(&mut self, ports: &mut Ports<'_, '_>) -> bool {
+        if ports.machine.has_underrun && !self.reports.has_reported_fault {
             let text = &mut self.reports.message;
             let alarm = Alarm::ResetInMotion;
             let settings = &self.persistence.stored.settings;
@@ -109,6 +109,6 @@ impl Session {
             self.reports.has_reported_fault = true;
             self.interpreter.forget_home();
         }
-        self.reports.flush(links.sent) && self.host.rules().answers_when_stopped
+        self.reports.flush(ports.sent) && self.host.rules().answers_when_stopped
     }
 }

@@ -11,7 +11,7 @@
 use core::num::NonZeroU8;
 
 use super::{
-    AfterCommands, LineStage, Links, Progress, Session, Source, dispatch::answer,
+    AfterCommands, LineStage, Ports, Progress, Session, Source, dispatch::answer,
     machine_sync::ProgrammedPosition,
 };
 use crate::{
@@ -381,19 +381,19 @@ impl Session {
     pub(super) fn continue_stored(
         &mut self,
         then: AfterStore,
-        links: &mut Links<'_, '_>,
+        ports: &mut Ports<'_, '_>,
     ) -> Progress {
         match then {
             AfterStore::Answer => self.accept(),
-            AfterStore::Commit => self.commit(links),
+            AfterStore::Commit => self.commit(ports),
             AfterStore::Execute => {
                 if let Source::NewStartup { is_stored, .. } = &mut self.line.source {
                     *is_stored = true;
                 }
-                self.interpret(links)
+                self.interpret(ports)
             }
             AfterStore::Configure => {
-                self.configure(links);
+                self.configure(ports);
                 self.stage = LineStage::Completing(AfterCommands::Answer);
                 Progress::Again
             }
@@ -404,7 +404,7 @@ impl Session {
                 self.accept()
             }
             AfterStore::Restore => {
-                self.configure(links);
+                self.configure(ports);
                 self.interpreter
                     .set_origins(&self.persistence.stored.origins);
                 report::feedback(&mut self.reports.message, Feedback::RestoringDefaults);
@@ -414,17 +414,17 @@ impl Session {
     }
 
     /// Puts into effect what was stored when a reset came, once the machine stands still.
-    pub(super) fn apply_stored(&mut self, links: &mut Links<'_, '_>) {
-        if self.persistence.state == StoreState::Deferred && self.is_done(links.machine) {
+    pub(super) fn apply_stored(&mut self, ports: &mut Ports<'_, '_>) {
+        if self.persistence.state == StoreState::Deferred && self.is_done(ports.machine) {
             self.persistence.state = StoreState::Idle;
-            self.configure(links);
+            self.configure(ports);
             self.interpreter
                 .set_origins(&self.persistence.stored.origins);
         }
     }
 
     /// Sends new settings, which the machine adopts at standstill.
-    pub(super) fn configure(&mut self, links: &mut Links<'_, '_>) {
+    pub(super) fn configure(&mut self, ports: &mut Ports<'_, '_>) {
         let stored = &self.persistence.stored.settings;
         let settings = self.host.settings_in_effect(stored);
         let before = self.router.settings();
@@ -440,8 +440,8 @@ impl Session {
             ProgrammedPosition::Stays
         };
         self.router.configure(&settings);
-        self.continue_from(links.machine, programmed);
-        self.send_work(Work::Configure(settings), links);
+        self.continue_from(ports.machine, programmed);
+        self.send_work(Work::Configure(settings), ports);
     }
 
     /// Answers `ok`, and resets.

@@ -3,12 +3,12 @@
 //! A line is checked completely, then executed: nothing of it goes to the machine before all of its
 //! path is known to be inside the travel. Read with Grbl 1.1 `gcode.c`, `motion_control.c`, `jog.c`.
 
-use super::{AfterCommands, LineStage, Links, Progress, Session, Source};
+use super::{AfterCommands, LineStage, Ports, Progress, Session, Source};
 use crate::{
     axis::Axes,
     gcode::{
-        LineError, PlainPrefix, Refusal,
-        interpreter::{Checked, Message},
+        LineError, NotPlain, PlainPrefix,
+        interpreter::{CheckedLine, Message},
     },
     machine::Snapshot,
     model::{Command, Requests, State},
@@ -39,23 +39,23 @@ fn may_wait(received: &ByteReader<'_>) -> bool {
 
 impl Session {
     /// Executes the next line, or, when none has come, sends the moves that `G64` holds back in time.
-    pub(super) fn read_line(&mut self, links: &mut Links<'_, '_>) -> Progress {
+    pub(super) fn read_line(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         if self.dialect != Dialect::Grbl {
-            return match self.read_in_dialect(links) {
-                Some(step) => self.take_step(step, links),
-                None => self.read_checked_line(links),
+            return match self.read_in_dialect(ports) {
+                Some(step) => self.take_step(step, ports),
+                None => self.read_checked_line(ports),
             };
         }
-        match self.execute_plain(links.machine, links.requests, links.received) {
-            Ok(()) => self.send_plain(links),
-            Err(Refusal::NotPlain) if self.receive(links.received) => {
-                if links.requests.take_losses_before(links.received.oldest()) {
-                    return self.refuse_with_hold(LineError::BytesLost, links);
+        match self.execute_plain(ports.machine, ports.requests, ports.received) {
+            Ok(()) => self.send_plain(ports),
+            Err(NotPlain::OtherWords) if self.receive(ports.received) => {
+                if ports.requests.take_losses_before(ports.received.oldest()) {
+                    return self.refuse_with_hold(LineError::BytesLost, ports);
                 }
-                self.dispatch(links)
+                self.dispatch(ports)
             }
-            Err(Refusal::NotPlain | Refusal::Incomplete) => {
-                self.flush_moves_in_time(links);
+            Err(NotPlain::OtherWords | NotPlain::Incomplete) => {
+                self.flush_moves_in_time(ports);
                 Progress::Waiting
             }
         }
@@ -65,10 +65,10 @@ impl Session {
     /// a machine at rest, are not held.
     #[cold]
     #[inline(never)]
-    pub(super) fn refuse_with_hold(&mut self, error: LineError, links: &Links<'_, '_>) -> Progress {
-        let holds = !self.is_done(links.machine) && !self.machine_sync.is_jogging;
+    pub(super) fn refuse_with_hold(&mut self, error: LineError, ports: &Ports<'_, '_>) -> Progress {
+        let holds = !self.is_done(ports.machine) && !self.machine_sync.is_jogging;
         if holds {
-            self.request_hold(links);
+            self.request_hold(ports);
         }
         let progress = self.refuse(error);
         self.machine_sync.follows_refused &= !holds;
@@ -91,18 +91,20 @@ impl Session {
     /// Holds the machine before the line, which follows a refused one: all that has been accepted is done first.
     #[cold]
     #[inline(never)]
-    pub(super) fn hold_after_refusal(&mut self, links: &Links<'_, '_>) -> Progress {
-        if self.is_done(links.machine) {
+    pub(super) fn hold_after_refusal(&mut self, ports: &Ports<'_, '_>) -> Progress {
+        if self.is_done(ports.machine) {
             self.machine_sync.follows_refused = false;
             report::feedback(&mut self.reports.message, Feedback::LineRefused);
-            self.request_hold(links);
+            self.request_hold(ports);
         }
         self.await_standstill()
     }
 
     /// Requests a hold behind the bytes that have been taken.
-    pub(super) fn request_hold(&mut self, links: &Links<'_, '_>) {
-        links.requests.accept_later(b'!', links.received.oldest());
+    pub(super) fn request_hold(&mut self, ports: &Ports<'_, '_>) {
+        ports
+            .requests
+            .accept_from_interpret(b'!', ports.received.oldest());
         self.machine_sync.has_release_request = true;
     }
 
@@ -122,9 +124,9 @@ impl Session {
         machine: &Snapshot,
         requests: &Requests,
         received: &mut ByteReader<'_>,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), NotPlain> {
         if !self.line.input.is_empty() {
-            return Err(Refusal::NotPlain);
+            return Err(NotPlain::OtherWords);
         }
         let sync = &self.machine_sync;
         let may_wait_or_be_locked = matches!(machine.state, State::Alarm | State::Jog)
@@ -132,15 +134,15 @@ impl Session {
             || sync.follows_refused;
         if !sync.is_position_known || may_wait_or_be_locked {
             self.line.prefix = PlainPrefix::default();
-            return Err(Refusal::NotPlain);
+            return Err(NotPlain::OtherWords);
         }
         if !received.may_have_line() {
             self.line.prefix = PlainPrefix::default();
             let may_wait = received.len() <= MAX_WAITING_BYTES;
             return Err(if may_wait {
-                Refusal::Incomplete
+                NotPlain::Incomplete
             } else {
-                Refusal::NotPlain
+                NotPlain::OtherWords
             });
         }
         let settings = &self.persistence.stored.settings;
@@ -150,7 +152,7 @@ impl Session {
         // Asked behind the look at the bytes: a loss is noted before the bytes that follow it.
         if requests.has_losses() {
             line.prefix = PlainPrefix::default();
-            return Err(Refusal::NotPlain);
+            return Err(NotPlain::OtherWords);
         }
         match self.interpreter.execute_plain(
             waiting,
@@ -163,30 +165,30 @@ impl Session {
                 received.consume(n - remaining);
                 Ok(())
             }
-            Err(Refusal::Incomplete) if !may_wait(received) => Err(Refusal::NotPlain),
+            Err(NotPlain::Incomplete) if !may_wait(received) => Err(NotPlain::OtherWords),
             Err(refusal) => Err(refusal),
         }
     }
 
     /// Sends the one move that a plain line asks for, unless it leaves the travel.
-    fn send_plain(&mut self, links: &mut Links<'_, '_>) -> Progress {
+    fn send_plain(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         let settings = &self.persistence.stored.settings;
         if settings.soft_limits && is_outside(settings, &self.interpreter.position()) {
-            return self.send_fault(links);
+            return self.send_fault(ports);
         }
-        if links.machine.state == State::Check {
+        if ports.machine.state == State::Check {
             self.line.outcome.commands.clear();
         }
         self.line.after_commands = None;
         self.line.tilted = None;
         self.line.drilling = None;
-        self.send_commands(0, links)
+        self.send_commands(0, ports)
     }
 
     /// Interprets the line as from this source.
-    pub(super) fn interpret_as(&mut self, source: Source, links: &mut Links<'_, '_>) -> Progress {
+    pub(super) fn interpret_as(&mut self, source: Source, ports: &mut Ports<'_, '_>) -> Progress {
         self.line.source = source;
-        self.interpret(links)
+        self.interpret(ports)
     }
 
     /// Checks what the line asks for against the state in which the machine is.
@@ -202,10 +204,10 @@ impl Session {
     }
 
     /// Checks the line, and then executes it or leaves it for later.
-    pub(super) fn interpret(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        let machine = links.machine;
+    pub(super) fn interpret(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        let machine = ports.machine;
         if !self.machine_sync.is_position_known {
-            self.line.checked = Checked::default();
+            self.line.checked = CheckedLine::default();
             return self.await_standstill();
         }
         self.interpreter
@@ -248,7 +250,7 @@ impl Session {
         {
             return self.store_startup(machine, number, start);
         }
-        self.execute(links)
+        self.execute(ports)
     }
 
     /// Returns whether the sender is told what a refused line lacks.
@@ -262,13 +264,13 @@ impl Session {
 
     /// Executes the line that has been checked, after what must come before it: the change of a tool, or
     /// the flash.
-    fn execute(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        let machine = links.machine;
+    fn execute(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        let machine = ports.machine;
         if self.needs_tool(machine) {
-            return self.begin_tool_change(links);
+            return self.begin_tool_change(ports);
         }
         if self.interpreter.lacks_spindle(&self.line.checked) && machine.state != State::Check {
-            return self.pause_without_spindle(links);
+            return self.pause_without_spindle(ports);
         }
         if self.line.checked.sets_tool() {
             return self.store_new_tool(machine);
@@ -276,26 +278,26 @@ impl Session {
         if self.line.checked.sets_origins() {
             return self.store_new_origins(machine);
         }
-        self.commit(links)
+        self.commit(ports)
     }
 
     /// Puts the line into effect that has been checked.
-    pub(super) fn commit(&mut self, links: &mut Links<'_, '_>) -> Progress {
+    pub(super) fn commit(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         let from = self.start_of_move();
         let line = &mut self.line;
         self.interpreter.commit(&line.checked, &mut line.outcome);
-        if links.machine.state == State::Alarm {
+        if ports.machine.state == State::Alarm {
             // A locked machine passes no time; nothing moves for which to wait.
             let is_dwell = |command: &Command| matches!(command, Command::Dwell { .. });
             let commands = &mut self.line.outcome.commands;
             commands.retain(|command| !is_dwell(command));
         }
-        self.send(from, links)
+        self.send(from, ports)
     }
 
     /// Sends the commands of a line that began at a position, unless it leaves the travel.
-    fn send(&mut self, from: Axes<Nm>, links: &mut Links<'_, '_>) -> Progress {
-        let machine = links.machine;
+    fn send(&mut self, from: Axes<Nm>, ports: &mut Ports<'_, '_>) -> Progress {
+        let machine = ports.machine;
         let is_checking = machine.state == State::Check;
         let ends_program = self.line.outcome.message == Some(Message::ProgramEnd);
         if self.line.outcome.shows_offset && !(is_checking && ends_program) {
@@ -306,7 +308,7 @@ impl Session {
         self.line.is_compensated = is_compensated;
         if !is_compensated && self.leaves_travel(machine, from) {
             self.probing.start = from;
-            return self.send_fault(links);
+            return self.send_fault(ports);
         }
         let settings = &self.persistence.stored.settings;
         let mut commands = self.line.outcome.commands.iter();
@@ -341,9 +343,9 @@ impl Session {
         };
         if is_compensated || self.compensator.is_waiting() || self.line.checked.stays_beside_path()
         {
-            self.send_compensated(0, links)
+            self.send_compensated(0, ports)
         } else {
-            self.send_commands(0, links)
+            self.send_commands(0, ports)
         }
     }
 

@@ -3,7 +3,7 @@
 //! A line that was begun gets its `ok` before the welcome, as in Grbl, whose waiting loops end with
 //! a reset and then answer. Read with Grbl 1.1 `main.c` and `protocol.c`.
 
-use super::{LineStage, Links, Progress, Session, Source, dispatch::answer, line_break::LineBreak};
+use super::{LineStage, Ports, Progress, Session, Source, dispatch::answer, line_break::LineBreak};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
@@ -27,7 +27,10 @@ impl Session {
         if matches!(self.stage, LineStage::Storing(_)) {
             self.persistence.defer();
         }
-        let is_own = self.stops_stored_program();
+        let is_own = false;
+        // A line of the stored program has no answer.
+        #[cfg(arc_machine)]
+        let is_own = is_own | self.stored_program.stop();
         if !matches!(self.stage, LineStage::Starting { .. }) {
             self.stage = LineStage::Starting {
                 is_first_boot: false,
@@ -44,26 +47,10 @@ impl Session {
         self.reports.has_reported_fault = false;
     }
 
-    /// Ends the stored program. Returns whether a line of it has been begun.
-    #[cfg_attr(
-        not(arc_machine),
-        allow(
-            clippy::unused_self,
-            clippy::needless_pass_by_ref_mut,
-            reason = "there is none"
-        )
-    )]
-    fn stops_stored_program(&mut self) -> bool {
-        #[cfg(arc_machine)]
-        return self.stored_program.stop();
-        #[cfg(not(arc_machine))]
-        false
-    }
-
     /// Ends what was begun before a reset. Returns false until the machine has acted on the reset.
     ///
     /// What is received between the reset and the welcome is lost, as in Grbl.
-    pub(super) fn start(&mut self, links: &mut Links<'_, '_>) -> bool {
+    pub(super) fn start(&mut self, ports: &mut Ports<'_, '_>) -> bool {
         let LineStage::Starting {
             is_first_boot,
             owes_answer,
@@ -72,9 +59,9 @@ impl Session {
             return true;
         };
         if self.machine_sync.reset_count != 0 && !self.host.rules().keeps_lines {
-            drop_received(links);
+            drop_received(ports);
         }
-        if links.machine.reset_count != self.machine_sync.reset_count {
+        if ports.machine.reset_count != self.machine_sync.reset_count {
             return false;
         }
         match self.host.restart(&mut self.lines) {
@@ -84,7 +71,7 @@ impl Session {
                 is_welcomed,
                 has_limits,
             } => {
-                if links.machine.reset_in_motion {
+                if ports.machine.reset_in_motion {
                     self.interpreter.forget_home();
                 }
                 self.restart();
@@ -108,7 +95,7 @@ impl Session {
                 return true;
             }
         }
-        if links.machine.reset_in_motion {
+        if ports.machine.reset_in_motion {
             self.interpreter.forget_home();
             report::alarm(&mut self.reports.message, Alarm::ResetInMotion);
         }
@@ -189,7 +176,7 @@ impl Session {
     }
 
     /// Begins the first startup line from `first` on that is not empty.
-    pub(super) fn start_up(&mut self, first: usize, links: &mut Links<'_, '_>) -> Progress {
+    pub(super) fn start_up(&mut self, first: usize, ports: &mut Ports<'_, '_>) -> Progress {
         let is_homed = matches!(self.line.source, Source::Startup { is_homed: true, .. });
         if !self.machine_sync.is_position_known {
             return Progress::Waiting;
@@ -198,9 +185,9 @@ impl Session {
         let next = (first..STARTUP_LINES)
             .find(|&number| lines.get(number).is_some_and(|line| !line.is_empty()));
         match next {
-            Some(number) if links.machine.state != State::Alarm => {
+            Some(number) if ports.machine.state != State::Alarm => {
                 self.line.source = Source::Startup { number, is_homed };
-                self.interpret(links)
+                self.interpret(ports)
             }
             Some(_) | None => {
                 self.line.source = Source::Line;
@@ -214,13 +201,13 @@ impl Session {
 }
 
 /// Drops what has been received, and what was lost of it.
-fn drop_received(links: &mut Links<'_, '_>) {
+fn drop_received(ports: &mut Ports<'_, '_>) {
     // No more than the capacity of the queue.
-    for _ in 0..links.received.capacity() {
-        if links.received.dequeue().is_none() {
+    for _ in 0..ports.received.capacity() {
+        if ports.received.dequeue().is_none() {
             break;
         }
     }
-    let next = links.received.oldest().wrapping_add(1);
-    let _ = links.requests.take_losses_before(next);
+    let next = ports.received.oldest().wrapping_add(1);
+    let _ = ports.requests.take_losses_before(next);
 }

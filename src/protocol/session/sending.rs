@@ -8,7 +8,7 @@
 use heapless::spsc::Producer;
 
 use super::{
-    AfterCommands, LineStage, Links, Progress, Session, Source,
+    AfterCommands, LineStage, Ports, Progress, Session, Source,
     machine_sync::{MachineSync, ProgrammedPosition},
 };
 use crate::{
@@ -20,9 +20,9 @@ use crate::{
 
 impl Session {
     /// Stops and locks the machine: the line leaves the travel.
-    pub(super) fn send_fault(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        self.stage = if links.entries.ready() {
-            self.send_work(Work::Fault(Alarm::SoftLimit), links);
+    pub(super) fn send_fault(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        self.stage = if ports.entries.ready() {
+            self.send_work(Work::Fault(Alarm::SoftLimit), ports);
             LineStage::Faulted
         } else {
             LineStage::Faulting
@@ -31,30 +31,30 @@ impl Session {
     }
 
     /// Sends the commands of the line from the given one on to the machine, as far as there is room.
-    pub(super) fn send_commands(&mut self, first: usize, links: &mut Links<'_, '_>) -> Progress {
+    pub(super) fn send_commands(&mut self, first: usize, ports: &mut Ports<'_, '_>) -> Progress {
         let mut next = first;
-        if !self.send_remaining(&mut next, links) {
+        if !self.send_remaining(&mut next, ports) {
             self.stage = LineStage::Sending(next);
             return Progress::Waiting;
         }
         match self.line.after_commands {
             Some(after_commands) => {
                 self.stage = LineStage::Completing(after_commands);
-                self.complete(links.machine, after_commands)
+                self.complete(ports.machine, after_commands)
             }
             None => self.accept(),
         }
     }
 
     /// Sends the commands from `next` on, and counts them. Returns false when there is no room.
-    fn send_remaining(&mut self, next: &mut usize, links: &mut Links<'_, '_>) -> bool {
+    fn send_remaining(&mut self, next: &mut usize, ports: &mut Ports<'_, '_>) -> bool {
         let control = self.line.path_control(&self.interpreter);
         while let Some(command) = self.line.outcome.commands.get(*next) {
             let is_blended = is_blended(control, command);
             if !is_blended {
                 self.router.flush(&mut self.blender);
             }
-            if !self.has_room(links) {
+            if !self.has_room(ports) {
                 return false;
             }
             let drills = self.line.drilling == Some(*next);
@@ -70,23 +70,23 @@ impl Session {
                 }
                 self.line.take_chord(*next);
             }
-            if !is_blended && !self.send_before(*next, links) {
+            if !is_blended && !self.send_before(*next, ports) {
                 return false;
             }
-            self.send_command(*next, is_blended, links);
+            self.send_command(*next, is_blended, ports);
             *next += usize::from(!drills && !self.line.has_chord(*next));
         }
         if self.line.after_commands.is_some() {
             self.router.flush(&mut self.blender);
         }
-        if !(self.machine_sync).drain(&mut self.router, &mut self.blender, links.entries) {
+        if !(self.machine_sync).drain(&mut self.router, &mut self.blender, ports.entries) {
             return false;
         }
         if self.line.after_commands == Some(AfterCommands::Message(Feedback::ProgramEnd)) {
-            if !links.entries.ready() {
+            if !ports.entries.ready() {
                 return false;
             }
-            self.send_work(Work::EndOverrides, links);
+            self.send_work(Work::EndOverrides, ports);
         }
         true
     }
@@ -98,10 +98,10 @@ impl Session {
         clippy::inline_always,
         reason = "a call for each move costs as much again"
     )]
-    fn has_room(&mut self, links: &mut Links<'_, '_>) -> bool {
-        self.machine_sync.waits_for_time = self.is_enough_queued(links.machine);
-        (self.machine_sync).drain(&mut self.router, &mut self.blender, links.entries)
-            && links.entries.ready()
+    fn has_room(&mut self, ports: &mut Ports<'_, '_>) -> bool {
+        self.machine_sync.waits_for_time = self.is_enough_queued(ports.machine);
+        (self.machine_sync).drain(&mut self.router, &mut self.blender, ports.entries)
+            && ports.entries.ready()
             && !self.machine_sync.waits_for_time
     }
 
@@ -129,7 +129,7 @@ impl Session {
 
     /// Sends what comes before a command of the line on a machine with backlash. Returns false when there is no room
     /// for it or for the command.
-    fn send_before(&mut self, number: usize, links: &mut Links<'_, '_>) -> bool {
+    fn send_before(&mut self, number: usize, ports: &mut Ports<'_, '_>) -> bool {
         if !self.router.has_backlash() {
             return true;
         }
@@ -138,11 +138,11 @@ impl Session {
         };
         self.machine_sync.is_jogging |= self.line.source == Source::Jog;
         let control = self.line.path_control(&self.interpreter);
-        (self.machine_sync).send_take_up(&mut self.router, &command, control, links.entries)
+        (self.machine_sync).send_take_up(&mut self.router, &command, control, ports.entries)
     }
 
     /// Sends a command of the line to the machine, or to the blender before it. There is room.
-    fn send_command(&mut self, number: usize, is_blended: bool, links: &mut Links<'_, '_>) {
+    fn send_command(&mut self, number: usize, is_blended: bool, ports: &mut Ports<'_, '_>) {
         let Some(command) = self.line.outcome.commands.get(number) else {
             return;
         };
@@ -156,15 +156,15 @@ impl Session {
             &mut self.router,
             command,
             &mut self.machine_sync,
-            links.entries,
+            ports.entries,
         ) {
             self.machine_sync.is_jogging |= self.line.source == Source::Jog;
         } else {
             let laser_rpm = self.constant_laser_rpm();
-            let work = (self.line).work_without_steps(links.machine, number, laser_rpm);
+            let work = (self.line).work_without_steps(ports.machine, number, laser_rpm);
             if let Some(work) = work {
                 self.machine_sync.is_jogging |= self.line.source == Source::Jog;
-                self.send_work(work, links);
+                self.send_work(work, ports);
             }
         }
     }
@@ -175,34 +175,34 @@ impl Session {
         &mut self,
         command: &Command,
         control: PathControl,
-        links: &mut Links<'_, '_>,
+        ports: &mut Ports<'_, '_>,
     ) -> bool {
         let is_blended = is_blended(control, command);
         if !is_blended {
             self.router.flush(&mut self.blender);
         }
-        if !self.has_room(links) {
+        if !self.has_room(ports) {
             return false;
         }
         if is_blended {
             self.router.blend(&mut self.blender, control, command);
             return true;
         }
-        if !(self.machine_sync).send_take_up(&mut self.router, command, control, links.entries) {
+        if !(self.machine_sync).send_take_up(&mut self.router, command, control, ports.entries) {
             return false;
         }
         let is_sent = enqueue(
             &mut self.router,
             command,
             &mut self.machine_sync,
-            links.entries,
+            ports.entries,
         );
         if !is_sent
             && let Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } = command
         {
             let laser_rpm = self.constant_laser_rpm();
             if let Some(work) = self.line.power_without_steps(*feed_rate, laser_rpm) {
-                self.send_work(work, links);
+                self.send_work(work, ports);
             }
         }
         true

@@ -4,7 +4,7 @@
 //! an alarm, or a line that is refused ends it, and a line of the sender does when it is at its end. Its own
 //! lines are not answered.
 
-use super::{LineStage, Links, Progress, Session};
+use super::{LineStage, Ports, Progress, Session};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
@@ -54,10 +54,10 @@ impl Session {
     }
 
     /// Executes the next line of the program.
-    pub(super) fn execute_stored_line(&mut self, links: &mut Links<'_, '_>) -> Progress {
+    pub(super) fn execute_stored_line(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         let program = &mut self.stored_program;
-        let is_over = program.next == LINES.len() && links.received.may_have_line();
-        let may_run = matches!(links.machine.state, State::Idle | State::Run);
+        let is_over = program.next == LINES.len() && ports.received.may_have_line();
+        let may_run = matches!(ports.machine.state, State::Idle | State::Run);
         let next = program.next % LINES.len();
         let Some(line) = LINES.get(next).filter(|_| may_run && !is_over) else {
             program.stop();
@@ -68,7 +68,7 @@ impl Session {
         self.line.prefix = crate::gcode::PlainPrefix::default();
         self.line.input.clear();
         if self.line.input.take_from(line.bytes()) {
-            self.dispatch(links)
+            self.dispatch(ports)
         } else {
             self.refuse(LineError::LineOverflow)
         }

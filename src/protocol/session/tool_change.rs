@@ -10,11 +10,11 @@
 
 use core::mem;
 
-use super::{AfterCommands, LineStage, Links, Progress, Session, Source};
+use super::{AfterCommands, LineStage, Ports, Progress, Session, Source};
 use crate::{
     gcode::{
         LineError, PlainPrefix,
-        interpreter::{Checked, Interrupted},
+        interpreter::{CheckedLine, Interrupted},
     },
     machine::Snapshot,
     model::State,
@@ -78,7 +78,7 @@ impl Session {
     }
 
     /// Begins the change of the tool for which the line asks; the machine stands still.
-    pub(super) fn begin_tool_change(&mut self, links: &mut Links<'_, '_>) -> Progress {
+    pub(super) fn begin_tool_change(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         let from = self.interpreter.position();
         let settings = self.settings();
         let is_moved = settings.tool_change_travel && self.interpreter.is_homed();
@@ -86,28 +86,28 @@ impl Session {
         let checked = &self.line.checked;
         let change = &mut self.tool_change;
         change.tool = checked.loaded_tool();
-        change.changes = links.machine.tool_marks.changes;
+        change.changes = ports.machine.tool_marks.changes;
         let outcome = &mut self.line.outcome;
         change.interrupted = self.interpreter.begin_tool_change(checked, height, outcome);
-        if self.leaves_travel(links.machine, from) {
+        if self.leaves_travel(ports.machine, from) {
             self.probing.start = from;
-            return self.send_fault(links);
+            return self.send_fault(ports);
         }
         let text = &mut self.reports.message;
         report::tool_change(text, self.tool_change.tool, self.line.input.message());
         // The rest of the line has none.
         self.line.input.clear_comment();
-        self.send_own_commands(AfterCommands::ToolPause, links)
+        self.send_own_commands(AfterCommands::ToolPause, ports)
     }
 
     /// Waits for cycle start, then returns to the program; or begins with the operator's lines.
-    pub(super) fn continue_tool_change(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        let machine = links.machine;
+    pub(super) fn continue_tool_change(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        let machine = ports.machine;
         if !self.is_done(machine) || machine.state.is_suspended() {
             return Progress::Waiting;
         }
         if self.tool_change.changes != machine.tool_marks.changes {
-            return self.begin_manual(links);
+            return self.begin_manual(ports);
         }
         if machine.state == State::Alarm {
             return self.refuse(LineError::Locked);
@@ -117,7 +117,7 @@ impl Session {
         self.interpreter
             .return_from_tool_change(&change.interrupted, change.tool, outcome);
         self.reports.is_tool_due |= outcome.shows_tool;
-        self.send_own_commands(AfterCommands::ToolReturn, links)
+        self.send_own_commands(AfterCommands::ToolReturn, ports)
     }
 
     /// Ends the change: the line is dispatched again, for the rest of it.
@@ -134,14 +134,14 @@ impl Session {
     }
 
     /// Pauses before a feed move after a change of the tool, as nobody has switched the spindle on.
-    pub(super) fn pause_without_spindle(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        if !self.is_done(links.machine) {
+    pub(super) fn pause_without_spindle(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        if !self.is_done(ports.machine) {
             return self.await_standstill();
         }
         self.interpreter
             .pause_without_spindle(&mut self.line.outcome);
         report::feedback(&mut self.reports.message, Feedback::SpindleOff);
-        self.send_own_commands(AfterCommands::Again, links)
+        self.send_own_commands(AfterCommands::Again, ports)
     }
 
     /// Sends commands that are not those of the line, of which an earlier one may have ended within a cycle
@@ -149,21 +149,21 @@ impl Session {
     fn send_own_commands(
         &mut self,
         after_commands: AfterCommands,
-        links: &mut Links<'_, '_>,
+        ports: &mut Ports<'_, '_>,
     ) -> Progress {
         self.line.tilted = None;
         self.line.drilling = None;
         self.line.after_commands = Some(after_commands);
-        self.send_commands(0, links)
+        self.send_commands(0, ports)
     }
 
     /// Begins to execute the operator's lines.
-    fn begin_manual(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        let marks = &links.machine.tool_marks;
+    fn begin_manual(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        let marks = &ports.machine.tool_marks;
         let change = &mut self.tool_change;
         change.changes = marks.changes;
         change.is_manual = true;
-        change.kept = links.received.waiting_before(marks.begin);
+        change.kept = ports.received.waiting_before(marks.begin);
         change.source = self.line.source;
         change.line.copy_from(&self.line.input);
         self.begin_line()
@@ -175,37 +175,37 @@ impl Session {
         if mem::take(&mut change.is_manual) {
             self.line.source = change.source;
             self.line.prefix = PlainPrefix::default();
-            self.line.checked = Checked::default();
+            self.line.checked = CheckedLine::default();
             self.line.input.copy_from(&change.line);
         }
     }
 
     /// Executes the next line of the operator; after the last one before cycle start, continues the
     /// change.
-    pub(super) fn read_manual_line(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        let machine = links.machine;
+    pub(super) fn read_manual_line(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        let machine = ports.machine;
         let kept = self.tool_change.kept;
         // Everything else comes back to `Tool`.
         let is_over = machine.state == State::Idle;
         let end = if is_over {
-            links.received.waiting_before(machine.tool_marks.end)
+            ports.received.waiting_before(machine.tool_marks.end)
         } else {
-            links.received.len()
+            ports.received.len()
         };
-        if links.received.has_line_end(kept, end) {
+        if ports.received.has_line_end(kept, end) {
             self.line.prefix = PlainPrefix::default();
             let line = &mut self.line.input;
             let take = |byte| line.take_from(core::iter::once(byte));
-            links.received.take_behind(kept, take);
+            ports.received.take_behind(kept, take);
             if kept != 0 {
-                let received = &*links.received;
-                links.requests.spread_losses(|| received.written());
+                let received = &*ports.received;
+                ports.requests.spread_losses(|| received.written());
             }
-            let end = links.received.oldest().wrapping_add(kept);
-            if links.requests.take_losses_before(end) {
+            let end = ports.received.oldest().wrapping_add(kept);
+            if ports.requests.take_losses_before(end) {
                 return self.refuse(LineError::BytesLost);
             }
-            return self.dispatch(links);
+            return self.dispatch(ports);
         }
         if !is_over {
             return Progress::Waiting;

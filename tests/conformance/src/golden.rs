@@ -9,7 +9,7 @@ use std::{
 use anyhow::{Context, Result};
 use leadscrew::{
     axis::AXES,
-    gcode::interpreter::{Interpreter, Outcome},
+    gcode::interpreter::{Interpreter, LineCommands},
     model::Levels,
     settings::Settings,
     sim::{Closes, Switch},
@@ -226,7 +226,8 @@ impl<'a> Reader<'a> {
         let moves = code.iter().any(|byte| b"XYZ".contains(byte));
         self.traits.arcs += u64::from(self.is_arc && moves);
         let before = self.interpreter.position();
-        self.interpreter.commit(&checked, &mut Outcome::default());
+        self.interpreter
+            .commit(&checked, &mut LineCommands::default());
         let after = self.interpreter.position();
         for axis in (0..AXES).filter(|axis| before[*axis] != after[*axis]) {
             self.read_end(axis, after[axis].to_mm_f64());

@@ -6,7 +6,7 @@
 use leadscrew::{
     gcode::{
         LineError,
-        interpreter::{Checked, CompensatedMove, Interpreter, Outcome},
+        interpreter::{CheckedLine, CompensatedMove, Interpreter, LineCommands},
     },
     model::Command,
     path::Compensator,
@@ -114,7 +114,7 @@ impl ProgramReader {
         self.programmed = programmed;
         let waits = checked.changes_tool() && self.settings.tool_change != TOOL_CHANGE_IGNORED;
         self.changed_tool = waits.then(|| checked.loaded_tool());
-        let mut outcome = Outcome::default();
+        let mut outcome = LineCommands::default();
         self.interpreter.commit(&checked, &mut outcome);
         let is_move = |command: &Command| matches!(command, Command::Line { .. });
         let drilling = outcome.commands.iter().position(is_move);
@@ -129,7 +129,7 @@ impl ProgramReader {
     }
 
     /// The commands of a line behind cutter compensation, in the order in which the session sends them.
-    fn compensated(&mut self, checked: &Checked, mut commands: Vec<Command>) -> Vec<Command> {
+    fn compensated(&mut self, checked: &CheckedLine, mut commands: Vec<Command>) -> Vec<Command> {
         let compensator = &mut self.compensator;
         let is_compensated = checked.follows_contour() || compensator.has_plan();
         let is_over = !is_compensated || checked.stops_program() && !compensator.has_plan();
@@ -159,7 +159,7 @@ impl ProgramReader {
     }
 
     /// A jog begins where the cutter is.
-    fn check_jog(&mut self, line: &[u8]) -> Result<Checked, LineError> {
+    fn check_jog(&mut self, line: &[u8]) -> Result<CheckedLine, LineError> {
         let interpreter = &mut self.interpreter;
         if interpreter.is_beside_path() && !interpreter.is_compensating() {
             let tool = self.compensator.end();

@@ -1,7 +1,7 @@
 //! What gets the inputs. A target panics where the library does, or answers what it must not.
 
 use leadscrew::{
-    gcode::interpreter::{Interpreter, Outcome},
+    gcode::interpreter::{Interpreter, LineCommands},
     model::State,
     settings::{Settings, StepRate},
     sim::{Flash, Simulator},
@@ -122,7 +122,7 @@ fn bytes(input: &[u8]) {
 fn lines(input: &[u8]) {
     let settings = Settings::new(STEP_RATE);
     let mut interpreter = Interpreter::new();
-    let mut outcome = Outcome::default();
+    let mut outcome = LineCommands::default();
     for line in input.split(|&byte| byte == b'\n') {
         let line: Vec<u8> = line
             .iter()

@@ -4,7 +4,7 @@ use leadscrew::{
     axis::{AXES, LETTERS, X, Y},
     gcode::{
         MotionMode,
-        interpreter::{Interpreter, Outcome},
+        interpreter::{Interpreter, LineCommands},
     },
     model::Command,
     protocol::Line,
@@ -58,7 +58,7 @@ impl Replay {
             return Effect::Refused;
         };
         let was_compensated = self.interpreter.is_beside_path();
-        let mut outcome = Outcome::default();
+        let mut outcome = LineCommands::default();
         if checked.changes_tool() && self.settings.tool_change != TOOL_CHANGE_IGNORED {
             let tool = checked.loaded_tool();
             let interrupted = self
