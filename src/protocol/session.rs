@@ -6,25 +6,26 @@
 //!
 //! [`Session`] owns the order: what comes before each line (`attend_machine`), and the stage that is
 //! next (`advance`). What has a state of its own is a type that takes the rest as arguments: the line in
-//! execution ([`LineExecution`]), what is known of the machine ([`MachineSync`]), reports, a break on the
+//! execution ([`LineExecution`]), the path on its way to the machine ([`Path`]), reports, a break on the
 //! line, messages to the operator, the record of probing moves, the stream of positions. The files with
-//! an `impl Session` join them: `dispatch` and `program` begin a line, `sending`, `blending` and
-//! `compensation` bring its commands to the machine, `tool_change` and `persistence` do what
-//! else it asks for, `reset` and `notifications` what nobody asks for. Of a dialect beside Grbl's,
-//! `dialect` knows what [`SenderDialect`] says.
+//! an `impl Session` join them: `dispatch` and `program` begin a line, `moves` and `compensation` bring
+//! its commands to the machine, `tool_change` and `persistence` do what else it asks for, `reset` and
+//! `notifications` what nobody asks for. Of a dialect beside Grbl's, `dialect` knows what
+//! [`SenderDialect`] says.
 //!
 //! # Cost
 //! [`Session`] is laid out in the order of its fields: those that each line needs come first.
 
-mod blending;
 mod compensation;
 mod dialect;
 mod dispatch;
 mod line_break;
 mod line_execution;
 mod machine_sync;
+mod moves;
 mod notifications;
 mod operator_message;
+mod path;
 mod persistence;
 mod position_stream;
 mod power_up;
@@ -33,7 +34,6 @@ mod program;
 mod queued_duration;
 mod reports;
 mod reset;
-mod sending;
 mod stage;
 #[cfg(arc_machine)]
 mod stored_program;
@@ -57,15 +57,15 @@ use crate::{
     gcode::{LineError, interpreter::Interpreter},
     machine::Snapshot,
     model::{Awaited, Requests, ResetCause, SelfTestFault, queues::ENTRY_RING},
-    path::{Blender, Compensator, Entry, Router},
+    path::{Compensator, Entry},
     settings::{Change, Changes, Settings, StoreError, Stored, ToolTable},
     stepper::SegmentRing,
     units::FineSteps,
 };
 use line_break::{LineBreak, WorkLeft};
 use line_execution::{LineExecution, Source};
-use machine_sync::MachineSync;
 use operator_message::OperatorMessages;
+use path::Path;
 use persistence::Persistence;
 use position_stream::PositionStream;
 use power_up::PowerUp;
@@ -102,13 +102,10 @@ struct Ports<'a, 'q> {
 #[repr(C)]
 pub struct Session {
     stage: LineStage,
-    machine_sync: MachineSync,
-    router: Router,
+    path: Path,
     interpreter: Interpreter,
     line: LineExecution,
     reports: Reports,
-    /// Moves that `G64` may still change.
-    blender: Blender,
     persistence: Persistence,
     operator_messages: OperatorMessages,
     compensator: Compensator,
@@ -143,12 +140,10 @@ impl Session {
                 is_first_boot,
                 owes_answer: false,
             },
-            machine_sync: MachineSync::default(),
-            router: Router::new(&stored.settings),
+            path: Path::new(&stored.settings),
             interpreter,
             line: LineExecution::new(),
             reports: Reports::default(),
-            blender: Blender::new(),
             compensator: Compensator::new(),
             persistence: Persistence::new(stored),
             operator_messages: OperatorMessages::default(),
@@ -196,7 +191,7 @@ impl Session {
     /// Returns the number of entries sent to the machine so far, wrapping.
     #[must_use]
     pub fn entered(&self) -> u32 {
-        self.machine_sync.entered
+        self.path.sync.entered
     }
 
     /// Returns the modal state, the offsets and the programmed position.
@@ -210,7 +205,7 @@ impl Session {
     /// [`Motion::position`]: crate::motion::Motion::position
     #[must_use]
     pub const fn path_end(&self) -> &Axes<FineSteps> {
-        self.router.block_end_steps()
+        self.path.router.block_end_steps()
     }
 
     /// Returns the settings in effect.
@@ -260,7 +255,7 @@ impl Session {
 
     /// Takes the request for a reset, or another one, since the last call: `prepare` has to run.
     pub fn takes_release(&mut self) -> bool {
-        core::mem::take(&mut self.machine_sync.has_release_request)
+        core::mem::take(&mut self.path.sync.has_release_request)
     }
 
     /// One bounded piece of work: a line, or a few while entries wait for the machine.
@@ -312,7 +307,7 @@ impl Session {
         self.reports.is_status_due |= requests.take_status();
         self.reports.observe(machine, &mut self.interpreter);
         let is_next = self.stage.is_welcome_sent()
-            && requests.reset_count() == self.machine_sync.reset_count
+            && requests.reset_count() == self.path.sync.reset_count
             && self.reports.message.is_empty()
             && !self.reports.has_notices(machine);
         let is_sent =
@@ -350,7 +345,7 @@ impl Session {
 
     /// Returns the events that let the session continue, besides a change of the machine's state.
     fn awaited(&self) -> Awaited {
-        let work = self.stage.awaited(&self.blender, &self.machine_sync);
+        let work = self.stage.awaited(&self.path);
         let work = if self.reports.is_pending() {
             work.union(Awaited::ROOM)
         } else {
@@ -391,7 +386,8 @@ impl Session {
         continue_if(self.send_pending(ports))?;
         continue_if(self.start(ports))?;
         self.apply_stored(ports);
-        self.sync_at_standstill(machine);
+        let (line, interpreter) = (&mut self.line, &mut self.interpreter);
+        (self.path).sync_at_standstill(machine, self.stage, line, interpreter);
         continue_if(self.send_pending(ports))?;
         if ports.requests.take_line_break() {
             self.line_break = LineBreak::Pending;
@@ -424,12 +420,12 @@ impl Session {
     #[inline(never)]
     fn attend_line_break(&mut self, ports: &Ports<'_, '_>) {
         let machine = ports.machine;
-        if self.machine_sync.is_cancelled(machine) || self.host.rules().is_restarting {
+        if self.path.sync.is_cancelled(machine) || self.host.rules().is_restarting {
             return;
         }
         let is_first = self.line_break == LineBreak::Pending;
         let left = WorkLeft {
-            is_moving: !self.is_done(machine),
+            is_moving: !self.path.is_done(machine),
             has_line: ports.received.may_have_line(),
             goes_on: self.stage.goes_on(&self.persistence.stored.startup),
         };
@@ -459,7 +455,7 @@ impl Session {
             // An arc in whole steps is gone through before it begins: one in a run.
             #[cfg(arc_machine)]
             let continues = continues && self.settings().arc_rule == 0;
-            if !continues || ports.requests.reset_count() != self.machine_sync.reset_count {
+            if !continues || ports.requests.reset_count() != self.path.sync.reset_count {
                 return progress;
             }
         }
@@ -471,7 +467,7 @@ impl Session {
         let machine = ports.machine;
         // While the machine is held, or ends a jog, no line is begun; the bytes stay where the sender
         // counts them.
-        let is_cancelled = self.machine_sync.is_cancelled(machine);
+        let is_cancelled = self.path.sync.is_cancelled(machine);
         let is_held = machine.state.is_suspended() || is_cancelled;
         match self.stage {
             LineStage::Reading
@@ -513,7 +509,7 @@ impl Session {
             LineStage::Faulting => self.send_fault(ports),
             LineStage::Resetting => {
                 ports.requests.reset();
-                self.machine_sync.has_release_request = true;
+                self.path.sync.has_release_request = true;
                 Progress::Again
             }
         }

@@ -61,10 +61,10 @@ impl Session {
     #[inline(never)]
     pub(super) fn watch_standstill(&mut self, machine: &Snapshot, requests: &Requests) {
         let is_left = self.stage == LineStage::Reading && machine.state == State::Idle;
-        if is_left && !self.reports.has_reported_wait && self.is_done(machine) {
+        if is_left && !self.reports.has_reported_wait && self.path.is_done(machine) {
             self.reports.has_reported_wait = true;
             requests.watch_standstill();
-            self.machine_sync.has_release_request = true;
+            self.path.sync.has_release_request = true;
         }
     }
 
@@ -74,7 +74,7 @@ impl Session {
     pub(super) fn cancel_compensation(&mut self) {
         if self.interpreter.is_compensating() || self.interpreter.is_beside_path() {
             self.interpreter.cancel_compensation();
-            self.interpreter.set_position(self.router.position());
+            self.interpreter.set_position(self.path.router.position());
         }
         self.compensator.clear();
         self.reports.has_reported_wait = false;
@@ -83,7 +83,7 @@ impl Session {
     /// Ends compensation at standstill where the last move has led, and answers.
     pub(super) fn end_compensation(&mut self, machine: &Snapshot) -> Progress {
         if self.interpreter.is_compensating() || self.interpreter.is_beside_path() {
-            if !self.is_done(machine) {
+            if !self.path.is_done(machine) {
                 return self.await_standstill();
             }
             self.cancel_compensation();
@@ -159,7 +159,11 @@ impl Session {
         while let Some(command) = self.compensator.front() {
             let is_checking = ports.machine.state == State::Check;
             let control = self.compensator.control();
-            if !is_checking && !self.send_one(&command, control, ports) {
+            if !is_checking
+                && !self
+                    .path
+                    .send_one(&command, control, &mut self.line, &self.interpreter, ports)
+            {
                 return false;
             }
             self.compensator.dequeue();

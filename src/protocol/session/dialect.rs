@@ -16,8 +16,8 @@ impl Session {
     /// Lends a dialect what it works with.
     #[inline]
     fn lend<'a>(&'a mut self, ports: &Ports<'a, '_>) -> (&'a mut RepRap, SessionContext<'a>) {
-        let is_done = self.is_done(ports.machine);
-        let reset_count = self.machine_sync.reset_count;
+        let is_done = self.path.is_done(ports.machine);
+        let reset_count = self.path.sync.reset_count;
         let has_reset = !matches!(self.stage, LineStage::Starting { .. })
             && ports.machine.reset_count == reset_count
             && ports.requests.reset_count() == reset_count;
@@ -33,7 +33,7 @@ impl Session {
             stage: self.stage,
             is_done,
             has_reset,
-            has_release_request: &mut self.machine_sync.has_release_request,
+            has_release_request: &mut self.path.sync.has_release_request,
         };
         (&mut self.host, conversation)
     }
@@ -56,7 +56,7 @@ impl Session {
             let has_room = ports.entries.ready();
             let (host, mut conversation) = self.lend(ports);
             if let Some(work) = host.attend(&mut conversation, ports.received, has_room) {
-                self.send_work(work, ports);
+                self.path.send_work(work, ports.entries);
             }
         }
     }
@@ -72,7 +72,7 @@ impl Session {
     pub(super) fn take_step(&mut self, step: NextStep, ports: &mut Ports<'_, '_>) -> Progress {
         match step {
             NextStep::Wait => {
-                self.flush_moves_in_time(ports);
+                self.path.flush_in_time(ports.machine, ports.entries);
                 return Progress::Waiting;
             }
             NextStep::Skip => return self.begin_line(),
@@ -87,7 +87,7 @@ impl Session {
             NextStep::Reset { is_answered: false } => self.stage = LineStage::Resetting,
             NextStep::List(line) => self.stage = LineStage::ListingInDialect(line),
             NextStep::Drivers(are_on) => {
-                self.send_work(Work::Drivers(are_on), ports);
+                self.path.send_work(Work::Drivers(are_on), ports.entries);
                 self.stage = LineStage::Completing(AfterCommands::Answer);
             }
             NextStep::Configure => {
@@ -123,7 +123,7 @@ impl Session {
     pub(super) fn read_checked_line(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         let lines = &mut self.lines;
         if !lines.take_grbl(ports.received) {
-            self.flush_moves_in_time(ports);
+            self.path.flush_in_time(ports.machine, ports.entries);
             return Progress::Waiting;
         }
         let has_lost = ports.requests.take_losses_before(ports.received.oldest());

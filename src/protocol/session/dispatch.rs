@@ -71,7 +71,7 @@ impl Session {
             Ok(_) if matches!(condition, Condition::Alarm | Condition::Jog) => {
                 self.refuse(LineError::Locked)
             }
-            Ok(_) if self.machine_sync.follows_refused && condition != Condition::Check => {
+            Ok(_) if self.path.sync.follows_refused && condition != Condition::Check => {
                 self.hold_after_refusal(ports)
             }
             Ok(_) => self.interpret(ports),
@@ -81,8 +81,8 @@ impl Session {
     /// Dispatches a line again that needs standstill. Moves that are held back are sent; a move without
     /// a step is done at once.
     pub(super) fn dispatch_at_standstill(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        self.flush_moves(ports.entries);
-        if !self.is_done(ports.machine) {
+        self.path.flush(ports.entries);
+        if !self.path.is_done(ports.machine) {
             Progress::Waiting
         } else if self.line.source == Source::Line
             && let Some(step) = self.read_in_dialect(ports)
@@ -107,7 +107,7 @@ impl Session {
         );
         if let Ok(Dollar::Jog(_) | Dollar::Home(_) | Dollar::Unlock) = statement {
             // The operator has taken over from the program.
-            self.machine_sync.follows_refused = false;
+            self.path.sync.follows_refused = false;
         }
         match statement {
             Err(error) => self.refuse(error),
@@ -149,14 +149,14 @@ impl Session {
 
     /// Returns what `$` statements may ask of the machine now.
     fn condition(&self, machine: &Snapshot) -> Condition {
-        let has_finished = self.machine_sync.has_finished(machine) && !self.blender.has_pending();
+        let has_finished = self.path.has_finished(machine);
         match machine.state {
             State::Alarm => Condition::Alarm,
             State::Check => Condition::Check,
             State::Jog => Condition::Jog,
             State::Idle | State::Tool if has_finished => Condition::Idle,
             State::Idle | State::Tool | State::Run
-                if self.machine_sync.is_jogging && !has_finished =>
+                if self.path.sync.is_jogging && !has_finished =>
             {
                 Condition::Jog
             }
@@ -248,7 +248,7 @@ impl Session {
     pub(super) fn await_standstill(&mut self) -> Progress {
         self.stage = LineStage::AwaitingStandstill;
         // Moves that are held back are sent at once: the machine would stop before them otherwise.
-        if self.blender.has_pending() {
+        if self.path.blender.has_pending() {
             Progress::Again
         } else {
             Progress::Waiting
@@ -281,7 +281,7 @@ impl Session {
             }
         }
         if let Err(error) = result {
-            self.machine_sync.follows_refused |= self.is_held_behind(error);
+            self.path.sync.follows_refused |= self.is_held_behind(error);
         }
         let Source::Startup { number, .. } = self.line.source else {
             let settings = &self.persistence.stored.settings;
@@ -320,11 +320,11 @@ impl Session {
         if ports.machine.failed_self_test {
             return self.refuse(LineError::Locked);
         }
-        if !self.is_done(ports.machine) {
+        if !self.path.is_done(ports.machine) {
             return self.await_standstill();
         }
         self.cancel_compensation();
-        self.send_work(Work::Unlock, ports);
+        self.path.send_work(Work::Unlock, ports.entries);
         self.stage = LineStage::Completing(AfterCommands::Message(Feedback::Unlocked));
         Progress::Again
     }
@@ -337,7 +337,7 @@ impl Session {
         if ports.machine.failed_self_test {
             return self.refuse(LineError::Locked);
         }
-        if !self.is_done(ports.machine) {
+        if !self.path.is_done(ports.machine) {
             return self.await_standstill();
         }
         let is_all = mask == 0;
@@ -351,7 +351,7 @@ impl Session {
             report::feedback(&mut self.reports.message, Feedback::CheckLimits);
             return self.refuse(LineError::LimitsEngaged);
         }
-        self.send_work(Work::Home(mask), ports);
+        self.path.send_work(Work::Home(mask), ports.entries);
         self.stage = LineStage::Completing(AfterCommands::Home { mask });
         Progress::Again
     }
@@ -365,7 +365,7 @@ impl Session {
         if machine.state == State::Alarm {
             return self.answer_and_reset();
         }
-        self.adopt_position(machine);
+        self.path.adopt_position(machine, &mut self.interpreter);
         let settings = &self.persistence.stored.settings;
         let axes = match mask {
             0 => LINEAR_AXES | settings.homing_marks,
@@ -387,7 +387,7 @@ impl Session {
     pub(super) fn begin_check(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         self.cancel_compensation();
         self.tool_before_check = Some(self.interpreter.loaded_tool());
-        self.send_work(Work::Check, ports);
+        self.path.send_work(Work::Check, ports.entries);
         self.stage = LineStage::Completing(AfterCommands::Message(Feedback::CheckEnabled));
         Progress::Again
     }
@@ -400,11 +400,11 @@ impl Session {
 
     /// Switches everything off until a reset. The notice of the machine follows the answer.
     pub(super) fn sleep(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        if !self.is_done(ports.machine) {
+        if !self.path.is_done(ports.machine) {
             return self.await_standstill();
         }
         self.cancel_compensation();
-        self.send_work(Work::Sleep, ports);
+        self.path.send_work(Work::Sleep, ports.entries);
         answer(&mut self.reports.message, Ok(()));
         self.stage = LineStage::Asleep;
         Progress::Again

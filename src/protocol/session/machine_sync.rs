@@ -2,24 +2,11 @@
 
 use heapless::spsc::Producer;
 
-use super::{AfterCommands, LineStage, Ports, Session, Source, queued_duration::QueuedDuration};
+use super::queued_duration::QueuedDuration;
 use crate::{
-    axis::Axes,
     machine::Snapshot,
     path::{Entry, Work},
-    units::Nm,
 };
-
-/// The programmed position where the path goes on from the machine's whole steps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum ProgrammedPosition {
-    /// That of the machine.
-    Machine,
-    /// Another one: that where a move would have begun which has not.
-    At(Axes<Nm>),
-    /// The one it is, less than a step away, or the target of a probing move that has missed.
-    Stays,
-}
 
 /// How far the session and the machine are in step: the interpreter runs ahead of the motion.
 #[derive(Debug, Default)]
@@ -95,56 +82,5 @@ impl MachineSync {
     pub(super) fn lasts_longer_than(&self, limit_ms: u32, machine: &Snapshot) -> bool {
         let unfinished = self.entered.wrapping_sub(machine.finished);
         unfinished > 1 && self.duration.of_newest_ms(unfinished - 1) > limit_ms
-    }
-}
-
-impl Session {
-    /// Returns whether everything sent to the machine has been done, and the machine stands still.
-    pub(super) fn is_done(&self, machine: &Snapshot) -> bool {
-        machine.is_at_rest && self.machine_sync.has_finished(machine) && !self.blender.has_pending()
-    }
-
-    /// Sends work that needs standstill.
-    pub(super) fn send_work(&mut self, work: Work, ports: &mut Ports<'_, '_>) {
-        let end_ms = self.router.duration_ms();
-        self.machine_sync.send(work, end_ms, ports.entries);
-    }
-
-    /// Learns at standstill where the machine is, if that is not known, and that its jogs have ended.
-    pub(super) fn sync_at_standstill(&mut self, machine: &Snapshot) {
-        if !self.is_done(machine) {
-            return;
-        }
-        self.machine_sync.is_jogging = false;
-        // A cancelled jog has not come to its end, and one that still waits for room is dropped.
-        if self.machine_sync.is_cancelled(machine) {
-            self.machine_sync.cancelled_motions = machine.cancelled_motions;
-            // The alarm of a probing move is followed by what the line does at its end.
-            self.machine_sync.is_position_known &=
-                self.stage == LineStage::Completing(AfterCommands::Probe);
-            if self.line.source == Source::Jog {
-                self.line.outcome.commands.clear();
-            }
-        }
-        if !self.machine_sync.is_position_known {
-            self.adopt_position(machine);
-        }
-    }
-
-    /// Makes the position of the machine the programmed one.
-    pub(super) fn adopt_position(&mut self, machine: &Snapshot) {
-        self.continue_from(machine, ProgrammedPosition::Machine);
-        self.machine_sync.is_position_known = true;
-    }
-
-    /// Has the path go on from the whole steps of a machine at standstill, where `prepare` goes on that has dropped
-    /// what was left, or takes over settings. Nothing else does where a path begins that is not the end of another.
-    pub(super) fn continue_from(&mut self, machine: &Snapshot, programmed: ProgrammedPosition) {
-        let position = self.router.set_steps(machine.steps);
-        match programmed {
-            ProgrammedPosition::Machine => self.interpreter.set_position(position),
-            ProgrammedPosition::At(position) => self.interpreter.set_position(position),
-            ProgrammedPosition::Stays => {}
-        }
     }
 }

@@ -10,15 +10,11 @@
 
 use core::num::NonZeroU8;
 
-use super::{
-    AfterCommands, LineStage, Ports, Progress, Session, Source, dispatch::answer,
-    machine_sync::ProgrammedPosition,
-};
+use super::{AfterCommands, LineStage, Ports, Progress, Session, Source, dispatch::answer};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
     model::{Spindle, State},
-    path::Work,
     protocol::{
         dialect::SenderDialect,
         report::{self, Feedback},
@@ -165,7 +161,7 @@ impl Session {
         then: AfterStore,
         make: impl FnOnce(&mut Stored),
     ) -> Progress {
-        if !self.is_done(machine) {
+        if !self.path.is_done(machine) {
             return self.await_standstill();
         }
         let persistence = &mut self.persistence;
@@ -272,7 +268,7 @@ impl Session {
         entry: Option<ToolEntry>,
         then: AfterStore,
     ) -> Progress {
-        if !self.is_done(machine) {
+        if !self.path.is_done(machine) {
             return self.await_standstill();
         }
         let previous = self.interpreter.tools_mut().replace(slot, entry);
@@ -330,7 +326,7 @@ impl Session {
     #[inline(never)]
     #[must_use]
     pub fn erasing(&self, machine: &Snapshot) -> Erasing {
-        let is_idle = machine.state == State::Idle && self.is_done(machine);
+        let is_idle = machine.state == State::Idle && self.path.is_done(machine);
         let is_on = !self.settings().laser && self.interpreter.modal().spindle != Spindle::Off;
         if is_idle && !is_on && machine.spindle == Spindle::Off {
             Erasing::Allowed
@@ -415,7 +411,7 @@ impl Session {
 
     /// Puts into effect what was stored when a reset came, once the machine stands still.
     pub(super) fn apply_stored(&mut self, ports: &mut Ports<'_, '_>) {
-        if self.persistence.state == StoreState::Deferred && self.is_done(ports.machine) {
+        if self.persistence.state == StoreState::Deferred && self.path.is_done(ports.machine) {
             self.persistence.state = StoreState::Idle;
             self.configure(ports);
             self.interpreter
@@ -427,21 +423,12 @@ impl Session {
     pub(super) fn configure(&mut self, ports: &mut Ports<'_, '_>) {
         let stored = &self.persistence.stored.settings;
         let settings = self.host.settings_in_effect(stored);
-        let before = self.router.settings();
-        if settings.laser != before.laser {
-            self.interpreter.switch_spindle_off();
-        }
-        // The steps stay the same; with another resolution they are another position.
-        let are_elsewhere =
-            settings.steps_per_mm != before.steps_per_mm || settings.core_xy != before.core_xy;
-        let programmed = if are_elsewhere {
-            ProgrammedPosition::Machine
-        } else {
-            ProgrammedPosition::Stays
-        };
-        self.router.configure(&settings);
-        self.continue_from(ports.machine, programmed);
-        self.send_work(Work::Configure(settings), ports);
+        (self.path).configure(
+            &settings,
+            ports.machine,
+            &mut self.interpreter,
+            ports.entries,
+        );
     }
 
     /// Answers `ok`, and resets.

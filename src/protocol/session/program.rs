@@ -7,71 +7,31 @@ use super::{AfterCommands, LineStage, Ports, Progress, Session, Source};
 use crate::{
     axis::Axes,
     gcode::{
-        LineError, NotPlain, PlainPrefix,
+        LineError,
         interpreter::{CheckedLine, Message},
     },
     machine::Snapshot,
-    model::{Command, Requests, State},
-    path::{OutsideTravel, TiltedArc, is_outside},
+    model::{Command, State},
+    path::{OutsideTravel, TiltedArc},
     protocol::{
-        ByteReader, Dialect, Waiting,
         dialect::SenderDialect,
-        realtime::MAX_UNRELEASED_BYTES,
         report::{self, Feedback},
     },
     units::Nm,
 };
 
-/// Bytes of an unfinished line that stay in the receive queue, at most: half of those that release the
-/// session without a line end, so that it moves a longer line out of the queue in time.
-const MAX_WAITING_BYTES: usize = MAX_UNRELEASED_BYTES / 2;
-
-/// Returns whether an unfinished line may stay in the receive queue: a short one in upper case, without
-/// comments, and not across the end of the ring.
-#[cold]
-#[inline(never)]
-fn may_wait(received: &ByteReader<'_>) -> bool {
-    let [mut older, newer] = received.waiting();
-    newer.len() == 0
-        && older.len() <= MAX_WAITING_BYTES
-        && !older.any(|byte| matches!(byte, b'(' | b';' | b'a'..=b'z'))
-}
-
 impl Session {
-    /// Executes the next line, or, when none has come, sends the moves that `G64` holds back in time.
-    pub(super) fn read_line(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        if self.dialect != Dialect::Grbl {
-            return match self.read_in_dialect(ports) {
-                Some(step) => self.take_step(step, ports),
-                None => self.read_checked_line(ports),
-            };
-        }
-        match self.execute_plain(ports.machine, ports.requests, ports.received) {
-            Ok(()) => self.send_plain(ports),
-            Err(NotPlain::OtherWords) if self.receive(ports.received) => {
-                if ports.requests.take_losses_before(ports.received.oldest()) {
-                    return self.refuse_with_hold(LineError::BytesLost, ports);
-                }
-                self.dispatch(ports)
-            }
-            Err(NotPlain::OtherWords | NotPlain::Incomplete) => {
-                self.flush_moves_in_time(ports);
-                Progress::Waiting
-            }
-        }
-    }
-
     /// Refuses a line, and holds a program that moves the machine: the lines behind it count on this one. A jog, and
     /// a machine at rest, are not held.
     #[cold]
     #[inline(never)]
     pub(super) fn refuse_with_hold(&mut self, error: LineError, ports: &Ports<'_, '_>) -> Progress {
-        let holds = !self.is_done(ports.machine) && !self.machine_sync.is_jogging;
+        let holds = !self.path.is_done(ports.machine) && !self.path.sync.is_jogging;
         if holds {
             self.request_hold(ports);
         }
         let progress = self.refuse(error);
-        self.machine_sync.follows_refused &= !holds;
+        self.path.sync.follows_refused &= !holds;
         progress
     }
 
@@ -92,8 +52,8 @@ impl Session {
     #[cold]
     #[inline(never)]
     pub(super) fn hold_after_refusal(&mut self, ports: &Ports<'_, '_>) -> Progress {
-        if self.is_done(ports.machine) {
-            self.machine_sync.follows_refused = false;
+        if self.path.is_done(ports.machine) {
+            self.path.sync.follows_refused = false;
             report::feedback(&mut self.reports.message, Feedback::LineRefused);
             self.request_hold(ports);
         }
@@ -105,84 +65,7 @@ impl Session {
         ports
             .requests
             .accept_from_interpret(b'!', ports.received.oldest());
-        self.machine_sync.has_release_request = true;
-    }
-
-    /// Moves received bytes to the line, up to its end. Returns false when it has not come yet.
-    fn receive(&mut self, received: &mut ByteReader<'_>) -> bool {
-        received.take_until(|bytes| self.line.input.take_from(bytes))
-    }
-
-    /// Executes the next line in the receive queue, if it is a plain one; else keeps the plain
-    /// words that the line begins with.
-    ///
-    /// # Errors
-    /// Nothing has been dequeued, and nothing has changed, for any other line, where more than the
-    /// words decides, and for an incomplete line.
-    fn execute_plain(
-        &mut self,
-        machine: &Snapshot,
-        requests: &Requests,
-        received: &mut ByteReader<'_>,
-    ) -> Result<(), NotPlain> {
-        if !self.line.input.is_empty() {
-            return Err(NotPlain::OtherWords);
-        }
-        let sync = &self.machine_sync;
-        let may_wait_or_be_locked = matches!(machine.state, State::Alarm | State::Jog)
-            || sync.is_jogging
-            || sync.follows_refused;
-        if !sync.is_position_known || may_wait_or_be_locked {
-            self.line.prefix = PlainPrefix::default();
-            return Err(NotPlain::OtherWords);
-        }
-        if !received.may_have_line() {
-            self.line.prefix = PlainPrefix::default();
-            let may_wait = received.len() <= MAX_WAITING_BYTES;
-            return Err(if may_wait {
-                NotPlain::Incomplete
-            } else {
-                NotPlain::OtherWords
-            });
-        }
-        let settings = &self.persistence.stored.settings;
-        let line = &mut self.line;
-        let waiting = received.waiting();
-        let n = waiting.iter().map(Waiting::len).sum::<usize>();
-        // Asked behind the look at the bytes: a loss is noted before the bytes that follow it.
-        if requests.has_losses() {
-            line.prefix = PlainPrefix::default();
-            return Err(NotPlain::OtherWords);
-        }
-        match self.interpreter.execute_plain(
-            waiting,
-            settings,
-            &mut line.prefix,
-            &mut line.checked,
-            &mut line.outcome,
-        ) {
-            Ok(remaining) => {
-                received.consume(n - remaining);
-                Ok(())
-            }
-            Err(NotPlain::Incomplete) if !may_wait(received) => Err(NotPlain::OtherWords),
-            Err(refusal) => Err(refusal),
-        }
-    }
-
-    /// Sends the one move that a plain line asks for, unless it leaves the travel.
-    fn send_plain(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        let settings = &self.persistence.stored.settings;
-        if settings.soft_limits && is_outside(settings, &self.interpreter.position()) {
-            return self.send_fault(ports);
-        }
-        if ports.machine.state == State::Check {
-            self.line.outcome.commands.clear();
-        }
-        self.line.after_commands = None;
-        self.line.tilted = None;
-        self.line.drilling = None;
-        self.send_commands(0, ports)
+        self.path.sync.has_release_request = true;
     }
 
     /// Interprets the line as from this source.
@@ -206,7 +89,7 @@ impl Session {
     /// Checks the line, and then executes it or leaves it for later.
     pub(super) fn interpret(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         let machine = ports.machine;
-        if !self.machine_sync.is_position_known {
+        if !self.path.sync.is_position_known {
             self.line.checked = CheckedLine::default();
             return self.await_standstill();
         }
@@ -237,7 +120,7 @@ impl Session {
             return self.refuse(error);
         }
         let waits = self.line.checked.waits_for_standstill() && !self.waits_behind_move();
-        if waits && !self.is_done(machine)
+        if waits && !self.path.is_done(machine)
             || self.waits_for_message(self.line.checked.pauses_program())
         {
             return self.await_standstill();
@@ -395,12 +278,12 @@ impl Session {
             return;
         }
         // A move that is held back may still be joined with others, or be changed by the next one.
-        let is_held_back = self.blender.has_pending() || self.compensator.is_waiting();
-        let has_passed = self.is_done(machine) && !is_held_back;
+        let is_held_back = self.path.blender.has_pending() || self.compensator.is_waiting();
+        let has_passed = self.path.is_done(machine) && !is_held_back;
         if machine.state == State::Check || has_passed {
             report::operator_message(&mut self.reports.message, text);
         } else {
-            let entered = self.machine_sync.entered;
+            let entered = self.path.sync.entered;
             let due = entered.wrapping_add(u32::from(is_held_back));
             self.operator_messages.push(text, due);
         }

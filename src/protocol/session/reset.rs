@@ -19,10 +19,10 @@ use crate::{
 impl Session {
     /// Drops everything that a new reset cancels, if one has come.
     pub(super) fn begin_reset(&mut self, reset_count: u32) {
-        if reset_count == self.machine_sync.reset_count {
+        if reset_count == self.path.sync.reset_count {
             return;
         }
-        self.machine_sync.reset_count = reset_count;
+        self.path.sync.reset_count = reset_count;
         self.operator_messages.clear();
         if matches!(self.stage, LineStage::Storing(_)) {
             self.persistence.defer();
@@ -38,12 +38,12 @@ impl Session {
             };
         }
         self.end_manual();
-        self.blender.clear();
+        self.path.blender.clear();
         self.compensator.clear();
-        self.machine_sync.is_jogging = false;
-        self.machine_sync.is_position_known = false;
+        self.path.sync.is_jogging = false;
+        self.path.sync.is_position_known = false;
         self.line_break = LineBreak::None;
-        self.machine_sync.follows_refused = false;
+        self.path.sync.follows_refused = false;
         self.reports.has_reported_fault = false;
     }
 
@@ -58,10 +58,10 @@ impl Session {
         else {
             return true;
         };
-        if self.machine_sync.reset_count != 0 && !self.host.rules().keeps_lines {
+        if self.path.sync.reset_count != 0 && !self.host.rules().keeps_lines {
             drop_received(ports);
         }
-        if ports.machine.reset_count != self.machine_sync.reset_count {
+        if ports.machine.reset_count != self.path.sync.reset_count {
             return false;
         }
         match self.host.restart(&mut self.lines) {
@@ -178,7 +178,7 @@ impl Session {
     /// Begins the first startup line from `first` on that is not empty.
     pub(super) fn start_up(&mut self, first: usize, ports: &mut Ports<'_, '_>) -> Progress {
         let is_homed = matches!(self.line.source, Source::Startup { is_homed: true, .. });
-        if !self.machine_sync.is_position_known {
+        if !self.path.sync.is_position_known {
             return Progress::Waiting;
         }
         let lines = &self.persistence.stored.startup;

@@ -1,9 +1,8 @@
 //! The stages of a line: what the session is doing, and what follows when the machine has done its part.
 
-use super::{machine_sync::MachineSync, persistence::AfterStore};
+use super::{Path, persistence::AfterStore};
 use crate::{
     model::Awaited,
-    path::Blender,
     protocol::{dollar::List, report::Feedback},
     settings::StoredLine,
 };
@@ -118,13 +117,13 @@ impl LineStage {
     }
 
     /// Returns the events that let the stage continue, besides a change of the machine's state.
-    pub(super) fn awaited(self, blender: &Blender, sync: &MachineSync) -> Awaited {
+    pub(super) fn awaited(self, path: &Path) -> Awaited {
         match self {
-            Self::Reading if blender.has_pending() => Awaited::LINE
+            Self::Reading if path.blender.has_pending() => Awaited::LINE
                 .union(Awaited::ENTRIES)
                 .union(Awaited::SEGMENTS),
             Self::Reading | Self::ReadingManual => Awaited::LINE,
-            Self::Sending(_) | Self::Compensating(_) if sync.waits_for_time => {
+            Self::Sending(_) | Self::Compensating(_) if path.sync.waits_for_time => {
                 Awaited::ENTRIES.union(Awaited::SEGMENTS)
             }
             Self::Sending(_) | Self::Compensating(_) => Awaited::ENTRIES_BATCHED,

@@ -47,7 +47,7 @@ impl StoredProgram {
 impl Session {
     /// Begins the program at cycle start, where `$794` allows it and no line is being executed.
     pub(super) fn start_stored_program(&mut self, machine: &Snapshot) {
-        let is_free = self.stage == LineStage::Reading && self.is_done(machine);
+        let is_free = self.stage == LineStage::Reading && self.path.is_done(machine);
         if self.settings().runs_stored_program && is_free && !self.stored_program.is_running {
             self.stored_program.is_running = true;
         }
@@ -87,7 +87,7 @@ impl Session {
 
     /// Reports an arc that could not follow `$790`, before an answer.
     pub(super) fn report_off_steps(&mut self) {
-        if self.router.takes_off_steps() {
+        if self.path.router.takes_off_steps() {
             report::feedback(&mut self.reports.message, Feedback::ArcOffSteps);
         }
     }

@@ -103,7 +103,7 @@ impl Session {
     /// Waits for cycle start, then returns to the program; or begins with the operator's lines.
     pub(super) fn continue_tool_change(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         let machine = ports.machine;
-        if !self.is_done(machine) || machine.state.is_suspended() {
+        if !self.path.is_done(machine) || machine.state.is_suspended() {
             return Progress::Waiting;
         }
         if self.tool_change.changes != machine.tool_marks.changes {
@@ -135,7 +135,7 @@ impl Session {
 
     /// Pauses before a feed move after a change of the tool, as nobody has switched the spindle on.
     pub(super) fn pause_without_spindle(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        if !self.is_done(ports.machine) {
+        if !self.path.is_done(ports.machine) {
             return self.await_standstill();
         }
         self.interpreter
