@@ -8,7 +8,7 @@ use core::num::NonZeroU8;
 use crate::{
     axis::{AXES, LETTERS},
     gcode::LineError,
-    settings::{self, Change, STARTUP_LINES, SettingError, Settings},
+    settings::{self, Change, STARTUP_LINES, STORED_LINE, SettingError, Settings},
 };
 
 /// The state of the machine, as far as `$` statements are concerned.
@@ -154,7 +154,7 @@ impl<'a> Dollar<'a> {
             [b'I'] => Ok(Self::List(List::BuildInfo)),
             [b'I', b'+'] => Ok(Self::List(List::ExtendedBuildInfo)),
             [b'I', b'=', text @ ..] if !text.iter().any(|byte| *byte > 0x7f) => {
-                Ok(Self::StoreBuildInfo(text))
+                fitting(text).map(Self::StoreBuildInfo)
             }
             [b'R', b'S', b'T', b'=', what] => match what {
                 b'$' => Ok(Self::Restore(Change::RestoreSettings)),
@@ -180,11 +180,19 @@ fn axis_mask(letter: u8) -> Result<u8, LineError> {
         .ok_or(LineError::InvalidStatement)
 }
 
+/// Returns a text that is to be stored, if it is not too long for that.
+fn fitting(text: &[u8]) -> Result<&[u8], LineError> {
+    let is_fitting = text.len() <= STORED_LINE;
+    is_fitting
+        .then_some(text)
+        .ok_or(LineError::StoredLineTooLong)
+}
+
 /// Returns the number and the text of a startup line, if the number exists.
 fn startup(statement: &[u8]) -> Result<Dollar<'_>, LineError> {
     let (number, line) = settings::numbered(statement)?;
     match usize::try_from(number) {
-        Ok(number) if number < STARTUP_LINES => Ok(Dollar::StoreStartup(number, line)),
+        Ok(number) if number < STARTUP_LINES => Ok(Dollar::StoreStartup(number, fitting(line)?)),
         _ => Err(LineError::InvalidStatement),
     }
 }

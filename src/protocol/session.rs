@@ -375,9 +375,13 @@ impl Session {
     fn attend_machine(&mut self, ports: &mut Ports<'_, '_>) -> ControlFlow<()> {
         let machine = ports.machine;
         continue_if(self.persistence.requested().is_none())?;
-        self.end_store();
+        let is_reverted = (self.persistence).end(self.interpreter.tools_mut());
+        if is_reverted && matches!(self.stage, LineStage::Storing(_)) {
+            self.refuse(LineError::StorageWrite);
+        }
         if self.persistence.has_postponed() {
-            self.store_postponed(machine);
+            let erasing = self.erasing(machine);
+            (self.persistence).store_postponed(erasing, &mut self.reports.message);
             continue_if(self.persistence.requested().is_none())?;
         }
         self.begin_reset(ports.requests.reset_count());

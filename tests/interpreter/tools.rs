@@ -201,12 +201,16 @@ fn a_line_of_a_tool_table_is_read() {
         let number = NonZeroU8::new(number).unwrap();
         machine.read_tool(number, words.as_bytes(), &Settings::default())
     };
-    let (slot, tool) = read(3, "T3P1X+0.5Y-2Z10.16D3.048").unwrap();
+    let (slot, tool) = read(3, "T3P1X+0.5Y-2Z10.16D3.048").unwrap().unwrap();
+    let tool = tool.unwrap();
     assert_eq!(slot, 0);
     assert_eq!(tool.offset, [Nm(500_000), Nm(-2_000_000), Nm(10_160_000)]);
     assert_eq!(tool.diameter, Nm(3_048_000));
-    let (slot, tool) = read(4, "Z1").unwrap();
+    let (slot, tool) = read(4, "Z1").unwrap().unwrap();
+    let tool = tool.unwrap();
     assert_eq!((slot, tool.offset[0], tool.diameter), (1, Nm(0), Nm(0)));
+    assert_eq!(read(3, ""), Ok(Some((0, None))), "the slot of a known tool");
+    assert_eq!(read(4, ""), Ok(None));
     for (words, number) in [
         ("T4Z1", 39),
         ("Z1Z2", 25),

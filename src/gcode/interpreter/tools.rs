@@ -203,7 +203,7 @@ impl CheckedLine {
 impl Interpreter {
     /// Reads the words of a tool as a line of LinuxCNC's tool table has them, in mm: `T1 P1 X0 Y0 Z10.16
     /// D3.048`, all of which may be left out. `P` has no meaning. Returns the slot of the tool, and its
-    /// entry.
+    /// entry. Without any text there is none; nor is there a slot, if the table has no such tool.
     ///
     /// # Errors
     /// 1 and 2 for text that has no words; 20 for other words; 25 for a word that is given twice; 33 for
@@ -213,7 +213,11 @@ impl Interpreter {
         number: NonZeroU8,
         words: &[u8],
         settings: &Settings,
-    ) -> Result<(usize, ToolEntry), LineError> {
+    ) -> Result<Option<(usize, Option<ToolEntry>)>, LineError> {
+        if words.is_empty() {
+            let slot = self.tools.slot_with(number);
+            return Ok(slot.map(|slot| (slot, None)));
+        }
         let mut entry = ToolEntry::new(number);
         let mut read = Words::NONE;
         for word in WordReader::new(words.iter().copied()) {
@@ -237,6 +241,6 @@ impl Interpreter {
         }
         check_entry(&entry, settings)?;
         let slot = self.tools.slot_of(number).ok_or(LineError::ToolTableFull)?;
-        Ok((slot, entry))
+        Ok(Some((slot, Some(entry))))
     }
 }

@@ -3,7 +3,10 @@
 //! A line has no effect before everything it needs is there; then it goes to the machine as
 //! entries, and is answered. Read with Grbl 1.1 `protocol.c` and `system.c`.
 
-use super::{AfterCommands, LineStage, Ports, Progress, Session, Source};
+use super::{
+    AfterCommands, LineStage, Ports, Progress, Session, Source,
+    persistence::{AfterStore, NewRecord},
+};
 use crate::{
     axis::{AXES, LINEAR},
     gcode::LineError,
@@ -18,11 +21,14 @@ use crate::{
         report::{self, Feedback},
         text::{ReportUnit, Text},
     },
-    settings::{self, STORED_LINE, StoredLine},
+    settings::{self, Settings, StoredLine},
 };
 
 /// The axes that are homed unless others are named, beside those that home by marks.
 const LINEAR_AXES: u8 = (1 << LINEAR) - 1;
+
+/// `$13`.
+const REPORT_INCHES: i64 = 13;
 
 /// A line of the answer to `$I`.
 #[derive(Debug, Clone, Copy)]
@@ -121,9 +127,6 @@ impl Session {
             Ok(Dollar::Home(mask)) => self.home(mask, ports),
             Ok(Dollar::Sleep) => self.sleep(ports),
             Ok(Dollar::Jog(_)) => self.interpret_as(Source::Jog, ports),
-            Ok(Dollar::StoreStartup(_, line)) if line.len() > STORED_LINE => {
-                self.refuse(LineError::StoredLineTooLong)
-            }
             Ok(Dollar::StoreStartup(number, line)) => {
                 let source = Source::NewStartup {
                     number,
@@ -133,18 +136,37 @@ impl Session {
                 self.interpret_as(source, ports)
             }
             Ok(Dollar::StoreBuildInfo(text)) => {
-                self.store_build_info(machine, StoredLine::from_slice(text).ok())
+                let text = StoredLine::from_slice(text).unwrap_or_default();
+                self.store(
+                    machine,
+                    Some(NewRecord::BuildInfo(text)),
+                    AfterStore::Answer,
+                )
             }
             Ok(Dollar::SetTool(number, words)) => self.set_tool(machine, number, words.len()),
-            Ok(Dollar::Restore(change)) => self.restore(machine, change),
+            Ok(Dollar::Restore(change)) => self.store(
+                machine,
+                Some(NewRecord::Defaults(change)),
+                AfterStore::Restore,
+            ),
             Ok(Dollar::Assign(assignment)) => {
                 let number = settings::numbered(assignment).map_or(0, |(number, _)| number);
                 match settings::assign(&mut settings, assignment) {
-                    Ok(()) => self.store_setting(machine, number, settings),
+                    Ok(()) => self.store_settings(machine, number, &settings),
                     Err(error) => self.refuse(error.into()),
                 }
             }
         }
+    }
+
+    /// Stores settings of which the one with this number has been assigned.
+    fn store_settings(&mut self, machine: &Snapshot, number: i64, settings: &Settings) -> Progress {
+        if number == REPORT_INCHES {
+            // The next report shows the offset in the new unit.
+            self.reports.cadence.offset_changed();
+        }
+        let record = NewRecord::Settings(settings);
+        self.store(machine, Some(record), AfterStore::Configure)
     }
 
     /// Returns what `$` statements may ask of the machine now.

@@ -14,11 +14,11 @@ use crate::{
         report::{self, Feedback},
         text::Text,
     },
-    settings::{Settings, Stored},
+    settings::{Settings, Stored, StoredLine},
     units::Nm,
 };
 
-use super::stage::AfterCommands;
+use super::{persistence::NewRecord, stage::AfterCommands};
 
 /// The origin of the line in execution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -82,6 +82,23 @@ impl LineExecution {
             (false, _) => &[],
             (true, true) => self.input.comment_text(),
             (true, false) => self.input.message(),
+        }
+    }
+
+    /// Returns the startup line that is to be stored before it is executed.
+    pub(super) fn new_startup(&self) -> Option<NewRecord<'static>> {
+        match self.source {
+            Source::NewStartup {
+                number,
+                start,
+                is_stored: false,
+            } => {
+                let text = self.input.text().unwrap_or_default();
+                let line = StoredLine::from_slice(text.get(start..).unwrap_or_default());
+                // Too long a line has been refused before.
+                Some(NewRecord::Startup(number, line.unwrap_or_default()))
+            }
+            _ => None,
         }
     }
 

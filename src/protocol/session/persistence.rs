@@ -12,20 +12,21 @@ use core::num::NonZeroU8;
 
 use super::{AfterCommands, LineStage, Ports, Progress, Session, Source, dispatch::answer};
 use crate::{
-    gcode::LineError,
     machine::Snapshot,
     model::{Spindle, State},
     protocol::{
         dialect::SenderDialect,
         report::{self, Feedback},
+        text::Text,
     },
-    settings::{Change, Changes, Erasing, Settings, StoreError, Stored, StoredLine, ToolEntry},
+    settings::{
+        Change, Changes, Erasing, Origins, Settings, StoreError, Stored, StoredLine, ToolEntry,
+        ToolTable,
+    },
 };
 
 /// Whether the memory of the settings has to be erased, as flash has and an EEPROM has not.
 const NEEDS_ERASE: bool = !cfg!(feature = "eeprom");
-/// `$13`.
-const REPORT_INCHES: i64 = 13;
 
 /// What follows when a change has been stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,7 +96,7 @@ impl Persistence {
         self.waiting
     }
 
-    /// Returns whether [`Session::store_postponed`] may have something to do.
+    /// Returns whether [`Self::store_postponed`] may have something to do.
     pub(super) const fn has_postponed(&self) -> bool {
         NEEDS_ERASE && (self.feedback.is_some() || !self.waiting.is_empty())
     }
@@ -139,10 +140,58 @@ impl Persistence {
         }
     }
 
+    /// Begins to store a record. Nothing has to be written where nothing changes: that needs no room in the flash.
+    pub(super) fn begin(&mut self, record: &NewRecord<'_>, tools: &mut ToolTable) {
+        let has_changed = if let NewRecord::Tool(slot, entry) = record {
+            self.previous_tool = tools.replace(*slot, *entry);
+            self.previous_tool != *entry
+        } else {
+            self.previous.clone_from(&self.stored);
+            record.write(&mut self.stored);
+            // A restoration is always written.
+            self.previous != self.stored || matches!(record, NewRecord::Defaults(_))
+        };
+        let change = record.change();
+        if has_changed || self.damaged.contains(change) {
+            self.state = StoreState::Requested(change);
+        }
+    }
+
+    /// Clears the tool table where that has been stored, and reverts a change that could not be stored. Returns whether
+    /// there is one.
+    pub(super) fn end(&mut self, tools: &mut ToolTable) -> bool {
+        let StoreState::Finished(change, result) = self.state else {
+            return false;
+        };
+        self.state = StoreState::Idle;
+        match change {
+            _ if result.is_ok() && change.clears_tools() => tools.clear(),
+            _ if result.is_ok() => {}
+            Change::Tool(slot) => {
+                tools.replace(slot, self.previous_tool);
+            }
+            _ => self.stored.clone_from(&self.previous),
+        }
+        result.is_err()
+    }
+
+    /// Has a change stored that has waited, if flash may be erased, and tells the sender what has to be told.
+    pub(super) fn store_postponed(&mut self, erasing: Erasing, text: &mut Text) {
+        if let Some(feedback) = self.feedback.take() {
+            report::feedback(text, feedback);
+        }
+        if self.state == StoreState::Idle
+            && erasing == Erasing::Allowed
+            && let Some(change) = self.waiting.first()
+        {
+            self.state = StoreState::Postponed(change);
+        }
+    }
+
     /// Has what is stored take effect again once the machine stands still, after a reset.
     pub(super) fn restore(&mut self) {
         if self.state == StoreState::Idle {
-            self.state = StoreState::Deferred;
+            self.defer();
         }
     }
 
@@ -150,90 +199,83 @@ impl Persistence {
     pub(super) fn defer(&mut self) {
         self.state = StoreState::Deferred;
     }
+
+    /// Returns whether what is stored has been left to take effect.
+    pub(super) fn is_deferred(&self) -> bool {
+        self.state == StoreState::Deferred
+    }
+}
+
+/// What is to be stored.
+#[derive(Debug)]
+pub(super) enum NewRecord<'a> {
+    Settings(&'a Settings),
+    Origins(&'a Origins),
+    Startup(usize, StoredLine),
+    BuildInfo(StoredLine),
+    /// The tool in a slot of the tool table, or that there is none.
+    Tool(usize, Option<ToolEntry>),
+    /// What a change restores: `$RST=`.
+    Defaults(Change),
+}
+
+impl NewRecord<'_> {
+    fn change(&self) -> Change {
+        match self {
+            Self::Settings(_) => Change::Settings,
+            Self::Origins(_) => Change::Origins,
+            Self::Startup(number, _) => Change::Startup(*number),
+            Self::BuildInfo(_) => Change::BuildInfo,
+            Self::Tool(slot, _) => Change::Tool(*slot),
+            Self::Defaults(change) => *change,
+        }
+    }
+
+    /// Writes the record, unless it is one of the tool table.
+    fn write(&self, stored: &mut Stored) {
+        let new = Stored::new(stored.settings.step_rate);
+        match self {
+            Self::Settings(settings) => stored.settings = **settings,
+            Self::Origins(origins) => stored.origins = **origins,
+            Self::Startup(number, line) => {
+                if let Some(stored) = stored.startup.get_mut(*number) {
+                    stored.clone_from(line);
+                }
+            }
+            Self::BuildInfo(text) => stored.build_info.clone_from(text),
+            Self::Defaults(Change::RestoreSettings) => stored.settings = new.settings,
+            Self::Defaults(Change::RestoreOrigins) => stored.origins = new.origins,
+            Self::Defaults(Change::RestoreAll) => *stored = new,
+            Self::Tool(..) | Self::Defaults(_) => {}
+        }
+    }
 }
 
 impl Session {
-    /// Stores a change at standstill, and then continues.
+    /// Stores a record at standstill, and then continues; without one, ends the line.
     pub(super) fn store(
         &mut self,
         machine: &Snapshot,
-        change: Change,
+        record: Option<NewRecord<'_>>,
         then: AfterStore,
-        make: impl FnOnce(&mut Stored),
     ) -> Progress {
+        let Some(record) = record else {
+            return self.accept();
+        };
         if !self.path.is_done(machine) {
             return self.await_standstill();
         }
-        let persistence = &mut self.persistence;
-        persistence.previous.clone_from(&persistence.stored);
-        make(&mut persistence.stored);
-        let has_changed = persistence.previous != persistence.stored;
-        // An unchanged record needs no room in the flash; a restoration is always written.
-        if has_changed || then == AfterStore::Restore || persistence.damaged.contains(change) {
-            persistence.state = StoreState::Requested(change);
-        }
+        (self.persistence).begin(&record, self.interpreter.tools_mut());
         self.stage = LineStage::Storing(then);
         Progress::Again
-    }
-
-    /// Stores a startup line that has been checked, and then executes it.
-    pub(super) fn store_startup(
-        &mut self,
-        machine: &Snapshot,
-        number: usize,
-        start: usize,
-    ) -> Progress {
-        let text = self.line.input.text().unwrap_or_default();
-        let Ok(line) = StoredLine::from_slice(text.get(start..).unwrap_or_default()) else {
-            return self.refuse(LineError::StoredLineTooLong);
-        };
-        let change = Change::Startup(number);
-        self.store(machine, change, AfterStore::Execute, |stored| {
-            if let Some(stored) = stored.startup.get_mut(number) {
-                *stored = line;
-            }
-        })
-    }
-
-    /// Stores the text of `$I=`.
-    pub(super) fn store_build_info(
-        &mut self,
-        machine: &Snapshot,
-        text: Option<StoredLine>,
-    ) -> Progress {
-        let Some(text) = text else {
-            return self.refuse(LineError::StoredLineTooLong);
-        };
-        self.store(machine, Change::BuildInfo, AfterStore::Answer, |stored| {
-            stored.build_info = text;
-        })
-    }
-
-    /// Stores settings of which the one with this number has been assigned.
-    pub(super) fn store_setting(
-        &mut self,
-        machine: &Snapshot,
-        number: i64,
-        settings: Settings,
-    ) -> Progress {
-        if number == REPORT_INCHES {
-            // The next report shows the offset in the new unit.
-            self.reports.cadence.offset_changed();
-        }
-        self.store(machine, Change::Settings, AfterStore::Configure, |stored| {
-            stored.settings = settings;
-        })
     }
 
     /// Stores the offset or the position that the line sets, and then executes the line.
     #[inline(never)]
     pub(super) fn store_new_origins(&mut self, machine: &Snapshot) -> Progress {
-        match self.interpreter.origins_after(&self.line.checked) {
-            Some(origins) => self.store(machine, Change::Origins, AfterStore::Commit, |stored| {
-                stored.origins = origins;
-            }),
-            None => self.accept(),
-        }
+        let origins = self.interpreter.origins_after(&self.line.checked);
+        let record = origins.as_ref().map(NewRecord::Origins);
+        self.store(machine, record, AfterStore::Commit)
     }
 
     /// Stores the offset that the line wants set at the contact of its probing move, and then ends the line.
@@ -241,43 +283,9 @@ impl Session {
     pub(super) fn store_contact(&mut self, machine: &Snapshot) -> Progress {
         let contact = self.settings().position_of(machine.probed.steps);
         let checked = &self.line.checked;
-        match self.interpreter.origins_after_contact(checked, &contact) {
-            Some(origins) => {
-                self.store(machine, Change::Origins, AfterStore::SetOrigins, |stored| {
-                    stored.origins = origins;
-                })
-            }
-            None => self.accept(),
-        }
-    }
-
-    /// Stores the tool that the line sets, and then executes the line.
-    #[inline(never)]
-    pub(super) fn store_new_tool(&mut self, machine: &Snapshot) -> Progress {
-        match self.line.checked.new_tool() {
-            Some((slot, entry)) => self.store_tool(machine, slot, Some(entry), AfterStore::Commit),
-            None => self.accept(),
-        }
-    }
-
-    /// Stores the tool of a slot of the tool table, or that there is none, and then continues.
-    fn store_tool(
-        &mut self,
-        machine: &Snapshot,
-        slot: usize,
-        entry: Option<ToolEntry>,
-        then: AfterStore,
-    ) -> Progress {
-        if !self.path.is_done(machine) {
-            return self.await_standstill();
-        }
-        let previous = self.interpreter.tools_mut().replace(slot, entry);
-        if previous != entry || self.persistence.damaged.contains(Change::Tool(slot)) {
-            self.persistence.previous_tool = previous;
-            self.persistence.state = StoreState::Requested(Change::Tool(slot));
-        }
-        self.stage = LineStage::Storing(then);
-        Progress::Again
+        let origins = self.interpreter.origins_after_contact(checked, &contact);
+        let record = origins.as_ref().map(NewRecord::Origins);
+        self.store(machine, record, AfterStore::SetOrigins)
     }
 
     /// Executes `$TTn=` with this number of bytes behind the `=`; without any, the tool is removed.
@@ -290,35 +298,14 @@ impl Session {
     ) -> Progress {
         let text = self.line.input.text().unwrap_or_default();
         let words = text.get(text.len() - length..).unwrap_or_default();
-        let tools = self.interpreter.tools();
-        if words.is_empty() {
-            return match tools.slot_with(number) {
-                Some(slot) => self.store_tool(machine, slot, None, AfterStore::Answer),
-                None => self.accept(),
-            };
-        }
         let settings = &self.persistence.stored.settings;
         match self.interpreter.read_tool(number, words, settings) {
-            Ok((slot, entry)) => self.store_tool(machine, slot, Some(entry), AfterStore::Answer),
+            Ok(tool) => {
+                let record = tool.map(|(slot, entry)| NewRecord::Tool(slot, entry));
+                self.store(machine, record, AfterStore::Answer)
+            }
             Err(error) => self.refuse(error),
         }
-    }
-
-    /// Restores defaults, `$RST=`.
-    pub(super) fn restore(&mut self, machine: &Snapshot, change: Change) -> Progress {
-        self.store(machine, change, AfterStore::Restore, |stored| {
-            let new = Stored::new(stored.settings.step_rate);
-            match change {
-                Change::RestoreSettings => stored.settings = new.settings,
-                Change::RestoreOrigins => stored.origins = new.origins,
-                Change::RestoreAll => *stored = new,
-                Change::Settings
-                | Change::Origins
-                | Change::Startup(_)
-                | Change::BuildInfo
-                | Change::Tool(_) => {}
-            }
-        })
     }
 
     /// Returns whether flash may be erased now: at Idle only, with spindle and laser off. A spindle that is on at
@@ -332,44 +319,6 @@ impl Session {
             Erasing::Allowed
         } else {
             Erasing::Postponed
-        }
-    }
-
-    /// Stores a change that has waited, if it may be stored now, and tells the sender what has to be told.
-    #[inline(never)]
-    pub(super) fn store_postponed(&mut self, machine: &Snapshot) {
-        if let Some(feedback) = self.persistence.feedback.take() {
-            report::feedback(&mut self.reports.message, feedback);
-        }
-        if self.persistence.state == StoreState::Idle
-            && self.erasing(machine) == Erasing::Allowed
-            && let Some(change) = self.persistence.waiting.first()
-        {
-            self.persistence.state = StoreState::Postponed(change);
-        }
-    }
-
-    /// Clears the tool table where that has been stored, and reverts a change that could not be stored.
-    pub(super) fn end_store(&mut self) {
-        let StoreState::Finished(change, result) = self.persistence.state else {
-            return;
-        };
-        let persistence = &mut self.persistence;
-        persistence.state = StoreState::Idle;
-        if result.is_ok() {
-            if change.clears_tools() {
-                self.interpreter.tools_mut().clear();
-            }
-        } else {
-            if let Change::Tool(slot) = change {
-                let tools = self.interpreter.tools_mut();
-                tools.replace(slot, persistence.previous_tool);
-            } else {
-                persistence.stored.clone_from(&persistence.previous);
-            }
-            if matches!(self.stage, LineStage::Storing(_)) {
-                self.refuse(LineError::StorageWrite);
-            }
         }
     }
 
@@ -394,15 +343,13 @@ impl Session {
                 Progress::Again
             }
             AfterStore::SetOrigins => {
-                self.interpreter
-                    .set_origins(&self.persistence.stored.origins);
+                (self.interpreter).set_origins(&self.persistence.stored.origins);
                 self.reports.cadence.offset_changed();
                 self.accept()
             }
             AfterStore::Restore => {
                 self.configure(ports);
-                self.interpreter
-                    .set_origins(&self.persistence.stored.origins);
+                (self.interpreter).set_origins(&self.persistence.stored.origins);
                 report::feedback(&mut self.reports.message, Feedback::RestoringDefaults);
                 self.answer_and_reset()
             }
@@ -411,11 +358,10 @@ impl Session {
 
     /// Puts into effect what was stored when a reset came, once the machine stands still.
     pub(super) fn apply_stored(&mut self, ports: &mut Ports<'_, '_>) {
-        if self.persistence.state == StoreState::Deferred && self.path.is_done(ports.machine) {
+        if self.persistence.is_deferred() && self.path.is_done(ports.machine) {
             self.persistence.state = StoreState::Idle;
             self.configure(ports);
-            self.interpreter
-                .set_origins(&self.persistence.stored.origins);
+            (self.interpreter).set_origins(&self.persistence.stored.origins);
         }
     }
 

@@ -3,7 +3,10 @@
 //! A line is checked completely, then executed: nothing of it goes to the machine before all of its
 //! path is known to be inside the travel. Read with Grbl 1.1 `gcode.c`, `motion_control.c`, `jog.c`.
 
-use super::{AfterCommands, LineStage, Ports, Progress, Session, Source};
+use super::{
+    AfterCommands, LineStage, Ports, Progress, Session, Source,
+    persistence::{AfterStore, NewRecord},
+};
 use crate::{
     axis::Axes,
     gcode::{
@@ -125,13 +128,8 @@ impl Session {
         {
             return self.await_standstill();
         }
-        if let Source::NewStartup {
-            number,
-            start,
-            is_stored: false,
-        } = self.line.source
-        {
-            return self.store_startup(machine, number, start);
+        if let Some(record) = self.line.new_startup() {
+            return self.store(machine, Some(record), AfterStore::Execute);
         }
         self.execute(ports)
     }
@@ -156,7 +154,9 @@ impl Session {
             return self.pause_without_spindle(ports);
         }
         if self.line.checked.sets_tool() {
-            return self.store_new_tool(machine);
+            let tool = self.line.checked.new_tool();
+            let record = tool.map(|(slot, entry)| NewRecord::Tool(slot, Some(entry)));
+            return self.store(machine, record, AfterStore::Commit);
         }
         if self.line.checked.sets_origins() {
             return self.store_new_origins(machine);
