@@ -4,10 +4,13 @@
 //! both can be asked for again.
 
 use super::{
-    ByteReader, Line, RawLine, Text, Verdict,
+    ByteReader, FailedCheck, Line, RawLine, Text, Verdict,
     checked::next_number,
+    dialect::NextStep,
     utf8_requests::{LATIN_1_LEAD, is_utf8_request},
 };
+
+use crate::{gcode::LineError, model::Requests};
 
 /// The placeholder of a received byte that has been acted on, or belongs to a dropped line.
 pub(super) const TAKEN: u8 = 0;
@@ -101,6 +104,62 @@ impl CheckedLines {
         })
     }
 
+    /// Reads the next line, in Grbl's words, which may have a number and a checksum.
+    #[inline(never)]
+    pub(super) fn read_grbl(
+        &mut self,
+        received: &mut ByteReader<'_>,
+        requests: &Requests,
+        line: &mut Line,
+        text: &mut Text,
+    ) -> NextStep {
+        if !self.take_grbl(received) {
+            return NextStep::Wait;
+        }
+        let has_lost = requests.take_losses_before(received.oldest());
+        // A line can be asked for again only if its sender gives it both.
+        let is_unchecked = !self.raw.has_checksum() || !self.raw.has_number();
+        match self.verdict() {
+            _ if has_lost && is_unchecked => return NextStep::RefuseLost,
+            // A checksum may be right of what is left: two equal bytes change nothing of it.
+            Verdict::Execute(_) | Verdict::SetNumber(_) if has_lost => {
+                return self.ask_again(LineError::Checksum, text);
+            }
+            Verdict::Blank if self.raw.is_too_long() => return NextStep::Answer(Ok(())),
+            Verdict::ReportNumber => {
+                self.write_number(text);
+                return NextStep::Answer(Ok(()));
+            }
+            Verdict::SetNumber(number) => {
+                self.set_number(number);
+                return NextStep::Answer(Ok(()));
+            }
+            Verdict::Refuse(FailedCheck::Checksum | FailedCheck::MissingNumber) => {
+                return self.ask_again(LineError::Checksum, text);
+            }
+            Verdict::Refuse(FailedCheck::Number) => {
+                return self.ask_again(LineError::LineNumber, text);
+            }
+            Verdict::Execute(Some(number)) => self.accept_number(number),
+            // A comment may be a message, and senders that speak Grbl may number their lines for themselves.
+            Verdict::Blank
+            | Verdict::Refuse(FailedCheck::MissingChecksum)
+            | Verdict::Execute(None) => {}
+        }
+        if self.raw.is_too_long() {
+            return NextStep::Answer(Err(LineError::LineOverflow));
+        }
+        self.copy_words(line);
+        NextStep::Execute
+    }
+
+    /// Asks for the line after the last accepted one, in Grbl's words, and refuses this one.
+    fn ask_again(&self, error: LineError, text: &mut Text) -> NextStep {
+        text.word("[MSG:Resend: ");
+        text.integer(next_number(self.last)).word("]").end();
+        NextStep::Answer(Err(error))
+    }
+
     /// Appends the words of the line to one that is made of Grbl's words.
     pub(super) fn copy_words(&self, line: &mut Line) {
         let mut words = self.raw.words().iter().copied();
@@ -129,11 +188,5 @@ impl CheckedLines {
     pub(super) fn write_number(&self, text: &mut Text) {
         text.word("echo:Line number: ");
         text.integer(self.last).end();
-    }
-
-    /// Asks for the line after the last accepted one, in Grbl's words and without the `error:`.
-    pub(super) fn write_resend(&self, text: &mut Text) {
-        text.word("[MSG:Resend: ");
-        text.integer(next_number(self.last)).word("]").end();
     }
 }

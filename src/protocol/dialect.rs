@@ -77,6 +77,8 @@ pub(super) enum NextStep {
     Execute,
     /// Answers the line.
     Answer(Result<(), LineError>),
+    /// Refuses the line, of which bytes are lost, and holds a program that moves the machine.
+    RefuseLost,
     /// Goes on with the line at standstill.
     AwaitStandstill,
     /// Goes on with this line of a list.

@@ -3,7 +3,7 @@
 //! Pure, as `report` is: each function writes one line of an answer, which fits one message. `$E…` are in the format that grblHAL publishes ("report extensions").
 
 use super::{
-    dollar::Described,
+    dollar::{Described, List},
     report::probed,
     text::{ReportUnit, Text},
 };
@@ -11,9 +11,10 @@ use crate::{
     axis::{AXES, Axes, Z},
     gcode::{ArcDistance, LineError, Modal, RetractMode, interpreter::Offsets},
     model::{Alarm, Plane, Probed, ResetCause, Spindle, WorkCoordinates},
+    motion::BLOCKS,
     settings::{
-        Change, Changes, Setting, SettingGroup, Settings, StepRate, StoredLine, TOOLS, ToolEntry,
-        ToolTable, Value,
+        Change, Changes, Setting, SettingGroup, Settings, StepRate, Stored, StoredLine, TOOLS,
+        ToolEntry, ToolTable, Value,
     },
     units::{MicroDegrees, Nm},
 };
@@ -29,6 +30,69 @@ pub struct FaultCounts {
     pub waiting_changes: u32,
 }
 
+/// What lists show.
+#[derive(Debug)]
+pub struct Lists<'a> {
+    /// What outlives power, but for the tools.
+    pub stored: &'a Stored,
+    /// The offsets in effect.
+    pub offsets: &'a Offsets,
+    /// The tool table.
+    pub tools: &'a ToolTable,
+    /// The last probing move.
+    pub probed: &'a Probed,
+    /// What has been counted since power-up.
+    pub faults: FaultCounts,
+    /// What is damaged where it is stored.
+    pub damaged: Changes,
+    /// Why the firmware has begun to run.
+    pub reset_cause: ResetCause,
+    /// Capacity for received bytes.
+    pub received_bytes: usize,
+}
+
+impl Lists<'_> {
+    /// Writes one line of a list, counted from 0. Returns false after the last.
+    pub fn write(&self, text: &mut Text, list: List, line: usize) -> bool {
+        let settings = &self.stored.settings;
+        match list {
+            List::Settings => setting(text, settings, line),
+            List::AllSettings => any_setting(text, settings, line),
+            List::Parameters => {
+                parameter(text, self.offsets, self.tools, self.probed, line, settings)
+            }
+            List::Tools => tool(text, self.tools, line),
+            List::BuildInfo => self.build_info(text, false, line),
+            List::ExtendedBuildInfo => self.build_info(text, true, line),
+            List::StartupLines => startup_line(text, &self.stored.startup, line),
+            List::Described(what) => description(text, what, line),
+        }
+    }
+
+    fn build_info(&self, text: &mut Text, is_extended: bool, line: usize) -> bool {
+        // Three lines come first in any case.
+        let mut shown = 3;
+        let mut is_next = |is_shown| {
+            shown += usize::from(is_shown);
+            is_shown && shown == line + 1
+        };
+        let has_faults = self.faults != FaultCounts::default();
+        match line {
+            0 => version(text, &self.stored.build_info),
+            1 => options(text, BLOCKS, self.received_bytes),
+            2 => step_rate(text, self.stored.settings.step_rate),
+            _ if is_next(is_extended) => new_options(text),
+            _ if is_next(is_extended || self.reset_cause.alarm().is_some()) => {
+                reset_cause(text, self.reset_cause);
+            }
+            _ if is_next(is_extended || has_faults) => faults(text, self.faults),
+            _ if is_next(!self.damaged.is_empty()) => damage(text, self.damaged, self.tools),
+            _ => return false,
+        }
+        true
+    }
+}
+
 /// Damaged tools that are named: there is room for no more in a message.
 const MOST_TOOLS_NAMED: u32 = 3;
 
@@ -39,19 +103,19 @@ pub fn help(text: &mut Text) {
 }
 
 /// The first line of the answer to `$I`, with the text that the user has stored.
-pub fn version(text: &mut Text, info: &[u8]) {
+fn version(text: &mut Text, info: &[u8]) {
     text.word("[VER:1.1h.20190830:").bytes(info).word("]").end();
 }
 
 /// The second line of the answer to `$I`: capacity for blocks, and for received bytes.
-pub fn options(text: &mut Text, blocks: usize, received: usize) {
+fn options(text: &mut Text, blocks: usize, received: usize) {
     // Variable spindle, mist, parking, homing of single axes, an input for the door.
     text.word("[OPT:VMPH+,").natural(blocks as u32);
     text.word(",").natural(received as u32).word("]").end();
 }
 
 /// The third line of the answer to `$I`: the step rate that no settings may exceed.
-pub fn step_rate(text: &mut Text, rate: StepRate) {
+fn step_rate(text: &mut Text, rate: StepRate) {
     text.word("[MSG:Step rate: ").natural(rate.hz());
     text.word(match rate {
         StepRate::Proven(_) => " Hz, proven]",
@@ -61,21 +125,21 @@ pub fn step_rate(text: &mut Text, rate: StepRate) {
 }
 
 /// The line of the answer to `$I+` that names what is built in beyond Grbl, in grblHAL's words.
-pub fn new_options(text: &mut Text) {
+fn new_options(text: &mut Text) {
     // Tool changes by `M6`, with the state `Tool`.
     text.word("[NEWOPT:TC]").end();
 }
 
 /// The line of the answer to `$I+` that tells why the firmware has begun to run; in the answer to `$I` after
 /// a fault.
-pub fn reset_cause(text: &mut Text, cause: ResetCause) {
+fn reset_cause(text: &mut Text, cause: ResetCause) {
     text.word("[MSG:Last reset: ").word(cause.text());
     text.word("]").end();
 }
 
 /// The line of the answer to `$I+` with the numbers of missed deadlines, of lost bytes, and of changes that wait to be
 /// stored; in the answer to `$I` if any is not 0.
-pub fn faults(text: &mut Text, faults: FaultCounts) {
+fn faults(text: &mut Text, faults: FaultCounts) {
     let counts = [
         ("[MSG:Late events: ", faults.late_events),
         (", lost bytes: ", faults.lost_bytes),
@@ -130,7 +194,7 @@ pub fn damaged_records(text: &mut Text, damaged: Changes, tools: &ToolTable) {
 }
 
 /// One line of the answer to `$N`, counted from 0. Returns false after the last.
-pub fn startup_line(text: &mut Text, lines: &[StoredLine], number: usize) -> bool {
+fn startup_line(text: &mut Text, lines: &[StoredLine], number: usize) -> bool {
     let Some(line) = lines.get(number) else {
         return false;
     };
@@ -202,7 +266,7 @@ pub fn modes(text: &mut Text, modal: &Modal, is_changing_tool: bool, unit: Repor
 }
 
 /// One line of the answer to `$#`, counted from 0. Returns false after the last.
-pub fn parameter(
+fn parameter(
     text: &mut Text,
     offsets: &Offsets,
     tools: &ToolTable,
@@ -283,7 +347,7 @@ fn known_tool(text: &mut Text, entry: &ToolEntry, unit: ReportUnit) {
 
 /// One line of the answer to `$TT`, counted from 0: `T1 P1 X0 Y0 Z10.16 D3.048`, as in a tool table of
 /// LinuxCNC, in mm. Returns false after the last.
-pub fn tool(text: &mut Text, tools: &ToolTable, line: usize) -> bool {
+fn tool(text: &mut Text, tools: &ToolTable, line: usize) -> bool {
     let Some(entry) = tools.nth(line) else {
         return false;
     };
@@ -324,7 +388,7 @@ fn write_setting(text: &mut Text, settings: &Settings, setting: Option<Setting>)
 }
 
 /// One line of the answers to `$ES`, `$EG`, `$EE` and `$EA`. Returns false after the last.
-pub fn description(text: &mut Text, what: Described, line: usize) -> bool {
+fn description(text: &mut Text, what: Described, line: usize) -> bool {
     let has_line = match what {
         Described::Settings => Setting::all()
             .nth(line)

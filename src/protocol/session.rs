@@ -6,17 +6,17 @@
 //!
 //! [`Session`] owns the order: what comes before each line (`attend_machine`), and the stage that is
 //! next (`advance`). What has a state of its own is a type that takes the rest as arguments: the line in
-//! execution ([`LineExecution`]), the path on its way to the machine ([`Path`]), reports, a break on the
-//! line, messages to the operator, the record of probing moves, the stream of positions. The files with
-//! an `impl Session` join them: `dispatch` and `program` begin a line, `moves` and `compensation` bring
-//! its commands to the machine, `tool_change` and `persistence` do what else it asks for, `reset` and
-//! `notifications` what nobody asks for. Of a dialect beside Grbl's, `dialect` knows what
-//! [`SenderDialect`] says.
+//! execution ([`LineExecution`]), the path on its way to the machine ([`Path`]) and that beside it
+//! ([`CutterPath`]), what is stored ([`Persistence`]), the change of a tool ([`ToolChange`]), reports,
+//! messages to the operator, a break on the line, probing moves, the stream of positions. Eight files with
+//! an `impl Session` join them: `dispatch` and `program` begin a line, `moves` sends its commands,
+//! `persistence` stores what it changes, `reset` and `notifications` are what nobody asks for, and
+//! `dialect` does what [`SenderDialect`] says.
 //!
 //! # Cost
 //! [`Session`] is laid out in the order of its fields: those that each line needs come first.
 
-mod compensation;
+mod cutter_path;
 mod dialect;
 mod dispatch;
 mod line_break;
@@ -57,11 +57,12 @@ use crate::{
     gcode::{LineError, interpreter::Interpreter},
     machine::Snapshot,
     model::{Awaited, Requests, ResetCause, SelfTestFault, queues::ENTRY_RING},
-    path::{Compensator, Entry},
+    path::Entry,
     settings::{Change, Changes, Settings, StoreError, Stored, ToolTable},
     stepper::SegmentRing,
     units::FineSteps,
 };
+use cutter_path::CutterPath;
 use line_break::{LineBreak, WorkLeft};
 use line_execution::{LineExecution, Source};
 use operator_message::OperatorMessages;
@@ -103,12 +104,11 @@ struct Ports<'a, 'q> {
 pub struct Session {
     stage: LineStage,
     path: Path,
-    interpreter: Interpreter,
     line: LineExecution,
     reports: Reports,
     persistence: Persistence,
     operator_messages: OperatorMessages,
-    compensator: Compensator,
+    cutter_path: CutterPath,
     probing: ProbeRecord,
     tool_change: ToolChange,
     /// The last break on the line.
@@ -133,18 +133,15 @@ impl Session {
     /// the sender is sent, when nothing could be read (`is_first_boot`). The tool table is empty.
     #[must_use]
     pub fn new(stored: &Stored, is_first_boot: bool) -> Self {
-        let mut interpreter = Interpreter::new();
-        interpreter.set_origins(&stored.origins);
         Self {
             stage: LineStage::Starting {
                 is_first_boot,
                 owes_answer: false,
             },
             path: Path::new(&stored.settings),
-            interpreter,
-            line: LineExecution::new(),
+            line: LineExecution::new(&stored.origins),
             reports: Reports::default(),
-            compensator: Compensator::new(),
+            cutter_path: CutterPath::default(),
             persistence: Persistence::new(stored),
             operator_messages: OperatorMessages::default(),
             probing: ProbeRecord::default(),
@@ -197,7 +194,7 @@ impl Session {
     /// Returns the modal state, the offsets and the programmed position.
     #[must_use]
     pub fn interpreter(&self) -> &Interpreter {
-        &self.interpreter
+        &self.line.interpreter
     }
 
     /// Returns the end of the path that has been sent, in steps: at standstill [`Motion::position`] is there.
@@ -216,7 +213,7 @@ impl Session {
 
     /// Returns the tool table, to be filled with what is stored, before the first run.
     pub const fn tools_mut(&mut self) -> &mut ToolTable {
-        self.interpreter.tools_mut()
+        self.line.interpreter.tools_mut()
     }
 
     /// Returns the change to be stored now: the platform writes [`Self::stored`] and [`Self::tools`], and
@@ -242,7 +239,7 @@ impl Session {
     /// Returns the tool table, with the requested change.
     #[must_use]
     pub const fn tools(&self) -> &ToolTable {
-        self.interpreter.tools()
+        self.line.interpreter.tools()
     }
 
     /// Ends the requested change. After an error everything is as before.
@@ -285,8 +282,9 @@ impl Session {
             ControlFlow::Continue(()) => self.execute_lines(&mut ports),
             ControlFlow::Break(()) => Progress::Waiting,
         };
-        if progress == Progress::Waiting && self.compensator.is_waiting() {
-            self.watch_standstill(machine, requests);
+        let is_left = progress == Progress::Waiting && self.stage == LineStage::Reading;
+        if is_left && self.cutter_path.is_waiting() {
+            (self.cutter_path).watch_standstill(machine, &mut self.path, requests);
         }
         requests.wake_on(match progress {
             Progress::Again => Awaited::NONE,
@@ -305,7 +303,7 @@ impl Session {
     ) -> Progress {
         requests.wake_on(Awaited::ALL);
         self.reports.is_status_due |= requests.take_status();
-        self.reports.observe(machine, &mut self.interpreter);
+        self.reports.observe(machine, &mut self.line.interpreter);
         let is_next = self.stage.is_welcome_sent()
             && requests.reset_count() == self.path.sync.reset_count
             && self.reports.message.is_empty()
@@ -345,29 +343,15 @@ impl Session {
 
     /// Returns the events that let the session continue, besides a change of the machine's state.
     fn awaited(&self) -> Awaited {
-        let work = self.stage.awaited(&self.path);
-        let work = if self.reports.is_pending() {
-            work.union(Awaited::ROOM)
-        } else {
-            work
-        };
-        let work = if self.operator_messages.are_waiting() {
-            work.union(Awaited::ENTRIES).union(Awaited::SEGMENTS)
-        } else {
-            work
-        };
-        let work = if self.persistence.has_postponed() {
-            work.union(Awaited::ENTRIES)
-        } else {
-            work
-        };
-        let work = work.union(self.stream.awaited(self.settings()));
-        if self.needs_clock() {
+        let when = |is_so, events| if is_so { events } else { Awaited::NONE };
+        let progress = Awaited::ENTRIES.union(Awaited::SEGMENTS);
+        (self.stage.awaited(&self.path))
+            .union(when(self.reports.is_pending(), Awaited::ROOM))
+            .union(when(self.operator_messages.are_waiting(), progress))
+            .union(when(self.persistence.has_postponed(), Awaited::ENTRIES))
+            .union(self.stream.awaited(self.settings()))
             // Each line may be the command of an emergency.
-            work.union(Awaited::LINE)
-        } else {
-            work
-        }
+            .union(when(self.needs_clock(), Awaited::LINE))
     }
 
     /// What comes before each line, in Grbl's order: the flash, resets, notices, the welcome, the
@@ -375,7 +359,7 @@ impl Session {
     fn attend_machine(&mut self, ports: &mut Ports<'_, '_>) -> ControlFlow<()> {
         let machine = ports.machine;
         continue_if(self.persistence.requested().is_none())?;
-        let is_reverted = (self.persistence).end(self.interpreter.tools_mut());
+        let is_reverted = (self.persistence).end(self.line.interpreter.tools_mut());
         if is_reverted && matches!(self.stage, LineStage::Storing(_)) {
             self.refuse(LineError::StorageWrite);
         }
@@ -385,13 +369,12 @@ impl Session {
             continue_if(self.persistence.requested().is_none())?;
         }
         self.begin_reset(ports.requests.reset_count());
-        self.reports.observe(machine, &mut self.interpreter);
+        self.reports.observe(machine, &mut self.line.interpreter);
         self.drop_cancelled(machine);
         continue_if(self.send_pending(ports))?;
         continue_if(self.start(ports))?;
         self.apply_stored(ports);
-        let (line, interpreter) = (&mut self.line, &mut self.interpreter);
-        (self.path).sync_at_standstill(machine, self.stage, line, interpreter);
+        (self.path).sync_at_standstill(machine, self.stage, &mut self.line);
         continue_if(self.send_pending(ports))?;
         if ports.requests.take_line_break() {
             self.line_break = LineBreak::Pending;
@@ -415,8 +398,8 @@ impl Session {
         sent: &mut ByteWriter<'_>,
     ) -> bool {
         let settings = &self.persistence.stored.settings;
-        let reports = &mut self.reports;
-        reports.send_status(machine, settings, &self.interpreter, received_free, sent)
+        let interpreter = &self.line.interpreter;
+        (self.reports).send_status(machine, settings, interpreter, received_free, sent)
     }
 
     /// Holds the machine after a break on the line; a pause that would end by itself waits for the operator.
@@ -496,7 +479,8 @@ impl Session {
             LineStage::Starting { .. } | LineStage::Faulted => Progress::Waiting,
             #[cfg(arc_machine)]
             LineStage::Reading if self.stored_program.is_running() => {
-                self.execute_stored_line(ports)
+                let step = (self.stored_program).take_line(&mut self.line.input, ports);
+                step.map_or(Progress::Again, |step| self.take_step(step, ports))
             }
             LineStage::Reading => self.read_line(ports),
             LineStage::ReadingManual => self.read_manual_line(ports),

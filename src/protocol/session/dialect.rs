@@ -1,4 +1,4 @@
-//! The session's end of the dialects that it does not speak itself, and lines with numbers in Grbl's words.
+//! The session's end of the dialects that it does not speak itself.
 
 use super::{AfterCommands, LineStage, Ports, Progress, Session};
 use crate::{
@@ -6,7 +6,7 @@ use crate::{
     machine::Snapshot,
     path::Work,
     protocol::{
-        Dialect, FailedCheck, Verdict,
+        Dialect,
         dialect::{NextStep, SenderDialect, SessionContext},
         reprap::RepRap,
     },
@@ -25,7 +25,7 @@ impl Session {
             machine: ports.machine,
             requests: ports.requests,
             settings: &self.persistence.stored.settings,
-            interpreter: &mut self.interpreter,
+            interpreter: &mut self.line.interpreter,
             reports: &mut self.reports,
             lines: &mut self.lines,
             input: &mut self.line.input,
@@ -73,29 +73,29 @@ impl Session {
         match step {
             NextStep::Wait => {
                 self.path.flush_in_time(ports.machine, ports.entries);
-                return Progress::Waiting;
+                Progress::Waiting
             }
-            NextStep::Skip => return self.begin_line(),
+            NextStep::Skip => self.begin_line(),
             NextStep::Execute => {
                 self.line.prefix = PlainPrefix::default();
-                return self.dispatch(ports);
+                self.dispatch(ports)
             }
-            NextStep::Answer(result) => return self.end_line(result),
-            NextStep::AwaitStandstill => return self.await_standstill(),
-            NextStep::Home(mask) => return self.home(mask, ports),
-            NextStep::Reset { is_answered: true } => return self.answer_and_reset(),
-            NextStep::Reset { is_answered: false } => self.stage = LineStage::Resetting,
-            NextStep::List(line) => self.stage = LineStage::ListingInDialect(line),
+            NextStep::Answer(result) => self.end_line(result),
+            NextStep::RefuseLost => self.refuse_with_hold(LineError::BytesLost, ports),
+            NextStep::AwaitStandstill => self.await_standstill(),
+            NextStep::Home(mask) => self.home(mask, ports),
+            NextStep::Reset { is_answered: true } => self.answer_and_reset(),
+            NextStep::Reset { is_answered: false } => self.enter(LineStage::Resetting),
+            NextStep::List(line) => self.enter(LineStage::ListingInDialect(line)),
             NextStep::Drivers(are_on) => {
                 self.path.send_work(Work::Drivers(are_on), ports.entries);
-                self.stage = LineStage::Completing(AfterCommands::Answer);
+                self.enter(LineStage::Completing(AfterCommands::Answer))
             }
             NextStep::Configure => {
                 self.configure(ports);
-                self.stage = LineStage::Completing(AfterCommands::Answer);
+                self.enter(LineStage::Completing(AfterCommands::Answer))
             }
         }
-        Progress::Again
     }
 
     /// Returns whether the machine has stopped for a reason that only a reset ends, and lines are refused.
@@ -115,58 +115,5 @@ impl Session {
     pub fn awaits_tick(&self, received: usize) -> bool {
         let rules = self.host.rules();
         (rules.next_byte).is_some_and(|next| rules.is_timed || next != received)
-    }
-
-    /// Executes the next line, which may have a number and a checksum, or, when none has come, sends the moves that
-    /// `G64` holds back in time.
-    #[inline(never)]
-    pub(super) fn read_checked_line(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        let lines = &mut self.lines;
-        if !lines.take_grbl(ports.received) {
-            self.path.flush_in_time(ports.machine, ports.entries);
-            return Progress::Waiting;
-        }
-        let has_lost = ports.requests.take_losses_before(ports.received.oldest());
-        // A line can be asked for again only if its sender gives it both.
-        let is_unchecked = !lines.raw.has_checksum() || !lines.raw.has_number();
-        match lines.verdict() {
-            _ if has_lost && is_unchecked => {
-                return self.refuse_with_hold(LineError::BytesLost, ports);
-            }
-            // A checksum may be right of what is left: two equal bytes change nothing of it.
-            Verdict::Execute(_) | Verdict::SetNumber(_) if has_lost => {
-                return self.ask_again(LineError::Checksum);
-            }
-            Verdict::Blank if lines.raw.is_too_long() => return self.accept(),
-            Verdict::ReportNumber => {
-                lines.write_number(&mut self.reports.message);
-                return self.accept();
-            }
-            Verdict::SetNumber(number) => {
-                lines.set_number(number);
-                return self.accept();
-            }
-            Verdict::Refuse(FailedCheck::Checksum | FailedCheck::MissingNumber) => {
-                return self.ask_again(LineError::Checksum);
-            }
-            Verdict::Refuse(FailedCheck::Number) => return self.ask_again(LineError::LineNumber),
-            Verdict::Execute(Some(number)) => lines.accept_number(number),
-            // A comment may be a message, and senders that speak Grbl may number their lines for themselves.
-            Verdict::Blank
-            | Verdict::Refuse(FailedCheck::MissingChecksum)
-            | Verdict::Execute(None) => {}
-        }
-        self.line.prefix = PlainPrefix::default();
-        if lines.raw.is_too_long() {
-            return self.refuse(LineError::LineOverflow);
-        }
-        lines.copy_words(&mut self.line.input);
-        self.dispatch(ports)
-    }
-
-    /// Asks for the line after the last accepted one, and refuses this one.
-    fn ask_again(&mut self, error: LineError) -> Progress {
-        self.lines.write_resend(&mut self.reports.message);
-        self.refuse(error)
     }
 }

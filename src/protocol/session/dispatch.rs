@@ -12,12 +12,11 @@ use crate::{
     gcode::LineError,
     machine::Snapshot,
     model::{Levels, State},
-    motion::BLOCKS,
     path::Work,
     protocol::{
         dialect::SenderDialect,
         dollar::{Condition, Dollar, List},
-        listing::{self, FaultCounts},
+        listing::{self, FaultCounts, Lists},
         report::{self, Feedback},
         text::{ReportUnit, Text},
     },
@@ -29,18 +28,6 @@ const LINEAR_AXES: u8 = (1 << LINEAR) - 1;
 
 /// `$13`.
 const REPORT_INCHES: i64 = 13;
-
-/// A line of the answer to `$I`.
-#[derive(Debug, Clone, Copy)]
-enum BuildLine {
-    Version,
-    Options,
-    StepRate,
-    NewOptions,
-    ResetCause,
-    Faults,
-    Damage,
-}
 
 /// Writes the answer to a line.
 pub(super) fn answer(text: &mut Text, result: Result<(), LineError>) {
@@ -57,7 +44,7 @@ impl Session {
             // The line has been dispatched before, and has waited.
             return self.interpret(ports);
         }
-        let condition = self.condition(ports.machine);
+        let condition = self.path.condition(ports.machine);
         match self.line.input.text() {
             Err(_) => self.refuse(LineError::LineOverflow),
             Ok([]) => {
@@ -105,19 +92,18 @@ impl Session {
         let text = self.line.input.text().unwrap_or_default();
         let mut settings = self.persistence.stored.settings;
         let is_door_open = machine.inputs.has(Levels::DOOR);
-        let statement = Dollar::read(
-            text.get(1..).unwrap_or_default(),
-            condition,
-            &settings,
-            is_door_open,
-        );
+        let statement = text.get(1..).unwrap_or_default();
+        let statement = Dollar::read(statement, condition, &settings, is_door_open);
         if let Ok(Dollar::Jog(_) | Dollar::Home(_) | Dollar::Unlock) = statement {
             // The operator has taken over from the program.
             self.path.sync.follows_refused = false;
         }
         match statement {
             Err(error) => self.refuse(error),
-            Ok(Dollar::Help) => self.answer_with(listing::help),
+            Ok(Dollar::Help) => {
+                listing::help(&mut self.reports.message);
+                self.accept()
+            }
             Ok(Dollar::Modes) => self.report_modes(),
             Ok(Dollar::List(list)) => self.list(list, 0, ports.received.capacity()),
             Ok(Dollar::Unlock) => self.unlock(ports),
@@ -126,14 +112,17 @@ impl Session {
             Ok(Dollar::EndCheck) => self.end_check(),
             Ok(Dollar::Home(mask)) => self.home(mask, ports),
             Ok(Dollar::Sleep) => self.sleep(ports),
-            Ok(Dollar::Jog(_)) => self.interpret_as(Source::Jog, ports),
+            Ok(Dollar::Jog(_)) => {
+                self.line.source = Source::Jog;
+                self.interpret(ports)
+            }
             Ok(Dollar::StoreStartup(number, line)) => {
-                let source = Source::NewStartup {
+                self.line.source = Source::NewStartup {
                     number,
                     start: text.len() - line.len(),
                     is_stored: false,
                 };
-                self.interpret_as(source, ports)
+                self.interpret(ports)
             }
             Ok(Dollar::StoreBuildInfo(text)) => {
                 let text = StoredLine::from_slice(text).unwrap_or_default();
@@ -169,101 +158,34 @@ impl Session {
         self.store(machine, Some(record), AfterStore::Configure)
     }
 
-    /// Returns what `$` statements may ask of the machine now.
-    fn condition(&self, machine: &Snapshot) -> Condition {
-        let has_finished = self.path.has_finished(machine);
-        match machine.state {
-            State::Alarm => Condition::Alarm,
-            State::Check => Condition::Check,
-            State::Jog => Condition::Jog,
-            State::Idle | State::Tool if has_finished => Condition::Idle,
-            State::Idle | State::Tool | State::Run
-                if self.path.sync.is_jogging && !has_finished =>
-            {
-                Condition::Jog
-            }
-            State::Idle
-            | State::Tool
-            | State::Run
-            | State::HoldSlowing
-            | State::HoldComplete
-            | State::Home
-            | State::DoorClosed
-            | State::DoorAjar
-            | State::DoorRetracting
-            | State::DoorRestoring
-            | State::Sleep => Condition::Run,
-        }
-    }
-
     /// Writes the next line of a list, and the answer after the last.
     pub(super) fn list(&mut self, list: List, line: usize, received_bytes: usize) -> Progress {
-        let text = &mut self.reports.message;
-        let stored = &self.persistence.stored;
-        let settings = &stored.settings;
-        let has_line = match list {
-            List::Settings => listing::setting(text, settings, line),
-            List::AllSettings => listing::any_setting(text, settings, line),
-            List::Parameters => {
-                let offsets = self.interpreter.offsets();
-                let tools = self.interpreter.tools();
-                let last = &self.probing.reported;
-                listing::parameter(text, offsets, tools, last, line, settings)
-            }
-            List::Tools => listing::tool(text, self.interpreter.tools(), line),
-            List::BuildInfo | List::ExtendedBuildInfo => {
-                let is_extended = list == List::ExtendedBuildInfo;
-                let faults = FaultCounts {
-                    waiting_changes: self.persistence.waiting().count(),
-                    ..self.faults
-                };
-                let has_faults = faults != FaultCounts::default();
-                let shown = [
-                    (true, BuildLine::Version),
-                    (true, BuildLine::Options),
-                    (true, BuildLine::StepRate),
-                    (is_extended, BuildLine::NewOptions),
-                    (
-                        is_extended || self.power_up.reset_cause.alarm().is_some(),
-                        BuildLine::ResetCause,
-                    ),
-                    (is_extended || has_faults, BuildLine::Faults),
-                    (!self.persistence.damaged.is_empty(), BuildLine::Damage),
-                ];
-                let next = shown.iter().filter(|(is_shown, _)| *is_shown).nth(line);
-                match next.map(|(_, line)| line) {
-                    Some(BuildLine::Version) => listing::version(text, &stored.build_info),
-                    Some(BuildLine::Options) => listing::options(text, BLOCKS, received_bytes),
-                    Some(BuildLine::StepRate) => listing::step_rate(text, settings.step_rate),
-                    Some(BuildLine::NewOptions) => listing::new_options(text),
-                    Some(BuildLine::ResetCause) => {
-                        listing::reset_cause(text, self.power_up.reset_cause);
-                    }
-                    Some(BuildLine::Faults) => listing::faults(text, faults),
-                    Some(BuildLine::Damage) => {
-                        let tools = self.interpreter.tools();
-                        listing::damage(text, self.persistence.damaged, tools);
-                    }
-                    None => {}
-                }
-                next.is_some()
-            }
-            List::StartupLines => listing::startup_line(text, &stored.startup, line),
-            List::Described(what) => listing::description(text, what, line),
+        let lists = Lists {
+            stored: &self.persistence.stored,
+            offsets: self.line.interpreter.offsets(),
+            tools: self.line.interpreter.tools(),
+            probed: &self.probing.reported,
+            faults: FaultCounts {
+                waiting_changes: self.persistence.waiting().count(),
+                ..self.faults
+            },
+            damaged: self.persistence.damaged,
+            reset_cause: self.power_up.reset_cause,
+            received_bytes,
         };
-        if !has_line {
-            return self.accept();
+        if lists.write(&mut self.reports.message, list, line) {
+            self.enter(LineStage::Listing(list, line + 1))
+        } else {
+            self.accept()
         }
-        self.stage = LineStage::Listing(list, line + 1);
-        Progress::Again
     }
 
     /// Answers `$G`.
     fn report_modes(&mut self) -> Progress {
-        let modal = *self.interpreter.modal();
         let unit = ReportUnit::of(self.settings());
-        let is_changing_tool = self.tool_change.is_manual();
-        self.answer_with(|text| listing::modes(text, &modal, is_changing_tool, unit))
+        let (modal, text) = (self.line.interpreter.modal(), &mut self.reports.message);
+        listing::modes(text, modal, self.tool_change.is_manual(), unit);
+        self.accept()
     }
 
     /// Leaves the line until everything before it has been done: its checks are then up to date.
@@ -275,12 +197,6 @@ impl Session {
         } else {
             Progress::Waiting
         }
-    }
-
-    /// Answers with a text and `ok`.
-    fn answer_with(&mut self, write: impl FnOnce(&mut Text)) -> Progress {
-        write(&mut self.reports.message);
-        self.accept()
     }
 
     /// Answers the line with `ok`.
@@ -297,8 +213,11 @@ impl Session {
     pub(super) fn end_line(&mut self, result: Result<(), LineError>) -> Progress {
         #[cfg(arc_machine)]
         {
-            self.report_off_steps();
-            if self.end_stored_line(result) {
+            let text = &mut self.reports.message;
+            if self.path.router.takes_off_steps() {
+                report::feedback(text, Feedback::ArcOffSteps);
+            }
+            if self.stored_program.end_line(result, text) {
                 return self.begin_line();
             }
         }
@@ -308,7 +227,7 @@ impl Session {
         let Source::Startup { number, .. } = self.line.source else {
             let settings = &self.persistence.stored.settings;
             let reports = &mut self.reports;
-            let interpreter = &mut self.interpreter;
+            let interpreter = &mut self.line.interpreter;
             if !(self.host).end_line(result, &self.lines, settings, interpreter, reports) {
                 answer(&mut reports.message, result);
             }
@@ -318,7 +237,12 @@ impl Session {
             report::startup(&mut self.reports.message, line);
         }
         answer(&mut self.reports.message, result);
-        self.stage = LineStage::StartingUp(number + 1);
+        self.enter(LineStage::StartingUp(number + 1))
+    }
+
+    /// Enters a stage, to go on with it at once.
+    pub(super) fn enter(&mut self, stage: LineStage) -> Progress {
+        self.stage = stage;
         Progress::Again
     }
 
@@ -326,18 +250,24 @@ impl Session {
     pub(super) fn begin_line(&mut self) -> Progress {
         self.line.input.clear();
         self.line.source = Source::Line;
-        self.stage = if self.tool_change.is_manual() {
+        self.enter(if self.tool_change.is_manual() {
             LineStage::ReadingManual
         } else {
             LineStage::Reading
-        };
-        Progress::Again
+        })
     }
 
     /// Ends the lock of an alarm, once the machine stands still, and compensation in any state.
     pub(super) fn unlock(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         if ports.machine.state != State::Alarm {
-            return self.end_compensation(ports.machine);
+            let interpreter = &self.line.interpreter;
+            if interpreter.is_compensating() || interpreter.is_beside_path() {
+                if !self.path.is_done(ports.machine) {
+                    return self.await_standstill();
+                }
+                self.cutter_path.cancel(&self.path, &mut self.line);
+            }
+            return self.accept();
         }
         if ports.machine.failed_self_test {
             return self.refuse(LineError::Locked);
@@ -345,15 +275,15 @@ impl Session {
         if !self.path.is_done(ports.machine) {
             return self.await_standstill();
         }
-        self.cancel_compensation();
+        self.cutter_path.cancel(&self.path, &mut self.line);
         self.path.send_work(Work::Unlock, ports.entries);
-        self.stage = LineStage::Completing(AfterCommands::Message(Feedback::Unlocked));
-        Progress::Again
+        let message = AfterCommands::Message(Feedback::Unlocked);
+        self.enter(LineStage::Completing(message))
     }
 
     /// Homes the axes of a mask, 0 for all.
     pub(super) fn home(&mut self, mask: u8, ports: &mut Ports<'_, '_>) -> Progress {
-        if self.interpreter.is_compensating() {
+        if self.line.interpreter.is_compensating() {
             return self.refuse(LineError::NotWithCompensation);
         }
         if ports.machine.failed_self_test {
@@ -362,20 +292,15 @@ impl Session {
         if !self.path.is_done(ports.machine) {
             return self.await_standstill();
         }
-        let is_all = mask == 0;
-        let switches = if is_all {
-            (1 << AXES) - 1
-        } else {
-            u16::from(mask)
-        };
+        let all = (1 << AXES) - 1;
+        let switches = if mask == 0 { all } else { mask.into() };
         let switches = switches & !u16::from(self.settings().homing_marks);
         if ports.machine.inputs.has(Levels(switches)) {
             report::feedback(&mut self.reports.message, Feedback::CheckLimits);
             return self.refuse(LineError::LimitsEngaged);
         }
         self.path.send_work(Work::Home(mask), ports.entries);
-        self.stage = LineStage::Completing(AfterCommands::Home { mask });
-        Progress::Again
+        self.enter(LineStage::Completing(AfterCommands::Home { mask }))
     }
 
     /// Ends homing. A failure has been reported as an alarm, and ends with a reset.
@@ -387,13 +312,11 @@ impl Session {
         if machine.state == State::Alarm {
             return self.answer_and_reset();
         }
-        self.path.adopt_position(machine, &mut self.interpreter);
+        self.path.adopt_position(machine, &mut self.line);
         let settings = &self.persistence.stored.settings;
-        let axes = match mask {
-            0 => LINEAR_AXES | settings.homing_marks,
-            mask => mask,
-        };
-        self.interpreter.set_homed(axes, settings);
+        let all = LINEAR_AXES | settings.homing_marks;
+        let axes = if mask == 0 { all } else { mask };
+        self.line.interpreter.set_homed(axes, settings);
         if mask != 0 || rules.answers_when_stopped {
             return self.accept();
         }
@@ -401,17 +324,16 @@ impl Session {
             number: 0,
             is_homed: true,
         };
-        self.stage = LineStage::StartingUp(0);
-        Progress::Again
+        self.enter(LineStage::StartingUp(0))
     }
 
     /// Begins check mode: programs are checked and not executed.
     pub(super) fn begin_check(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        self.cancel_compensation();
-        self.tool_before_check = Some(self.interpreter.loaded_tool());
+        self.cutter_path.cancel(&self.path, &mut self.line);
+        self.tool_before_check = Some(self.line.interpreter.loaded_tool());
         self.path.send_work(Work::Check, ports.entries);
-        self.stage = LineStage::Completing(AfterCommands::Message(Feedback::CheckEnabled));
-        Progress::Again
+        let message = AfterCommands::Message(Feedback::CheckEnabled);
+        self.enter(LineStage::Completing(message))
     }
 
     /// Ends check mode, with a reset.
@@ -425,10 +347,9 @@ impl Session {
         if !self.path.is_done(ports.machine) {
             return self.await_standstill();
         }
-        self.cancel_compensation();
+        self.cutter_path.cancel(&self.path, &mut self.line);
         self.path.send_work(Work::Sleep, ports.entries);
         answer(&mut self.reports.message, Ok(()));
-        self.stage = LineStage::Asleep;
-        Progress::Again
+        self.enter(LineStage::Asleep)
     }
 }

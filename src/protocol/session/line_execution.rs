@@ -14,11 +14,11 @@ use crate::{
         report::{self, Feedback},
         text::Text,
     },
-    settings::{Settings, Stored, StoredLine},
+    settings::{Origins, Settings, Stored, StoredLine, TOOL_CHANGE_IGNORED},
     units::Nm,
 };
 
-use super::{persistence::NewRecord, stage::AfterCommands};
+use super::{CutterPath, persistence::NewRecord, stage::AfterCommands};
 
 /// The origin of the line in execution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,9 +38,11 @@ pub(super) enum Source {
     Startup { number: usize, is_homed: bool },
 }
 
-/// The line in execution.
+/// The line in execution, and what executes it.
 #[derive(Debug)]
+#[repr(C)]
 pub(super) struct LineExecution {
+    pub(super) interpreter: Interpreter,
     pub(super) source: Source,
     /// What follows the commands of the line.
     pub(super) after_commands: Option<AfterCommands>,
@@ -61,9 +63,12 @@ pub(super) struct LineExecution {
 }
 
 impl LineExecution {
-    /// No line.
-    pub(super) fn new() -> Self {
+    /// No line, with offsets that are stored.
+    pub(super) fn new(origins: &Origins) -> Self {
+        let mut interpreter = Interpreter::new();
+        interpreter.set_origins(origins);
         Self {
+            interpreter,
             source: Source::Line,
             after_commands: None,
             checked: CheckedLine::default(),
@@ -82,6 +87,77 @@ impl LineExecution {
             (false, _) => &[],
             (true, true) => self.input.comment_text(),
             (true, false) => self.input.message(),
+        }
+    }
+
+    /// Returns whether the machine has to wait for a tool before it executes the line.
+    pub(super) fn needs_tool(&self, machine: &Snapshot, settings: &Settings) -> bool {
+        self.checked.changes_tool()
+            && machine.state != State::Check
+            && settings.tool_change != TOOL_CHANGE_IGNORED
+    }
+
+    /// Returns whether the line needs a spindle that nobody has switched on after a change of the tool.
+    pub(super) fn lacks_spindle(&self, machine: &Snapshot) -> bool {
+        self.interpreter.lacks_spindle(&self.checked) && machine.state != State::Check
+    }
+
+    /// Pauses before the line, which is dispatched again then.
+    pub(super) fn pause_without_spindle(&mut self) {
+        self.interpreter.pause_without_spindle(&mut self.outcome);
+        self.follow_own_commands(AfterCommands::Again);
+    }
+
+    /// Notes what follows commands that are not those of the line, of which an earlier one may have ended within a cycle
+    /// or a tilted arc.
+    pub(super) fn follow_own_commands(&mut self, after_commands: AfterCommands) {
+        self.tilted = None;
+        self.drilling = None;
+        self.after_commands = Some(after_commands);
+    }
+
+    /// Puts the line into effect that has been checked.
+    pub(super) fn commit(&mut self, machine: &Snapshot) {
+        self.interpreter.commit(&self.checked, &mut self.outcome);
+        if machine.state == State::Alarm {
+            // A locked machine passes no time; nothing moves for which to wait.
+            let is_dwell = |command: &Command| matches!(command, Command::Dwell { .. });
+            self.outcome.commands.retain(|command| !is_dwell(command));
+        }
+    }
+
+    /// Finds what is made of the commands, which begin at a position, while they are sent: chords and holes.
+    pub(super) fn find_parts(&mut self, from: &Axes<Nm>, settings: &Settings) {
+        let mut commands = self.outcome.commands.iter();
+        self.tilted = commands.find_map(|command| TiltedArc::of(command, from, settings));
+        let is_move = |command: &Command| matches!(command, Command::Line { .. });
+        let drilling = self.outcome.commands.iter().position(is_move);
+        self.drilling = drilling.filter(|_| self.checked.drills());
+    }
+
+    /// Returns what follows the commands, some of which may wait behind a move.
+    pub(super) fn end_of_commands(
+        &self,
+        machine: &Snapshot,
+        cutter_path: &CutterPath,
+    ) -> Option<AfterCommands> {
+        let checked = &self.checked;
+        if self.outcome.message == Some(Message::ProgramEnd) {
+            Some(AfterCommands::Message(Feedback::ProgramEnd))
+        } else if machine.state == State::Check {
+            None
+        } else if checked.probing().is_some() {
+            Some(AfterCommands::Probe)
+        } else {
+            // Outputs that switch at standstill have switched when the answer comes.
+            let mut commands = self.outcome.commands.iter();
+            let switches =
+                !checked.moves() && commands.any(|command| !matches!(command, Command::Speed(_)));
+            // A startup line is stored when its motion is over.
+            let is_stored = matches!(self.source, Source::NewStartup { .. });
+            let is_switched = switches || checked.answers_when_done();
+            let waits = cutter_path.waits_behind_move(checked);
+            (is_stored || is_switched && !waits).then_some(AfterCommands::Answer)
         }
     }
 
@@ -129,11 +205,11 @@ impl LineExecution {
     }
 
     /// Returns the path control of the line in execution: jogs keep to their path.
-    pub(super) fn path_control(&self, interpreter: &Interpreter) -> PathControl {
+    pub(super) fn path_control(&self) -> PathControl {
         if self.source == Source::Jog || self.drilling.is_some() {
             PathControl::ExactPath
         } else {
-            interpreter.modal().path
+            self.interpreter.modal().path
         }
     }
 
@@ -158,12 +234,8 @@ impl LineExecution {
     }
 
     /// Replaces a command by the next one of a line that drills. Returns false after the last.
-    pub(super) fn take_drilling_command(
-        &mut self,
-        number: usize,
-        interpreter: &mut Interpreter,
-    ) -> bool {
-        let next = interpreter.next_drilling_command();
+    pub(super) fn take_drilling_command(&mut self, number: usize) -> bool {
+        let next = self.interpreter.next_drilling_command();
         match (next, self.outcome.commands.get_mut(number)) {
             (Some(next), Some(command)) => {
                 *command = next;
@@ -178,7 +250,6 @@ impl LineExecution {
         &self,
         machine: &Snapshot,
         from: Axes<Nm>,
-        interpreter: &Interpreter,
         settings: &Settings,
     ) -> bool {
         // A jog has been checked before.
@@ -186,7 +257,7 @@ impl LineExecution {
             return false;
         }
         let is_checking = machine.state == State::Check;
-        let mut corners = interpreter.drilling_corners();
+        let mut corners = self.interpreter.drilling_corners();
         if self.checked.drills() && corners.any(|corner| is_outside(settings, &corner)) {
             return true;
         }
@@ -202,45 +273,43 @@ impl LineExecution {
         })
     }
 
-    /// Checks a line of a program or of startup.
+    /// Checks the line.
     ///
     /// # Errors
-    /// As [`Interpreter::check_after`].
+    /// As [`Interpreter::check_after`] and [`Self::check_jog`].
     pub(super) fn check(
         &mut self,
-        interpreter: &mut Interpreter,
         stored: &Stored,
+        cutter_path: &CutterPath,
     ) -> Result<(), LineError> {
         let text = self.input.text().unwrap_or_default();
         let line = match self.source {
-            Source::Line | Source::Jog => text,
+            Source::Line => text,
+            Source::Jog => {
+                let cutter = cutter_path.cutter(&self.interpreter);
+                return self.check_jog(&stored.settings, cutter);
+            }
             Source::NewStartup { start, .. } => text.get(start..).unwrap_or_default(),
             Source::Startup { number, .. } => match stored.startup.get(number) {
                 Some(line) => line.as_slice(),
                 None => &[],
             },
         };
-        let plain = PlainPrefix::default();
-        let prefix = match self.source {
-            Source::Line => &self.prefix,
-            Source::Jog | Source::NewStartup { .. } | Source::Startup { .. } => &plain,
-        };
-        self.checked = interpreter.check_after(prefix, line, &stored.settings)?;
+        let none = PlainPrefix::default();
+        let is_read = self.source == Source::Line;
+        let prefix = if is_read { &self.prefix } else { &none };
+        self.checked = self
+            .interpreter
+            .check_after(prefix, line, &stored.settings)?;
         Ok(())
     }
 
     /// Reports what a refused line lacks, where that can be said.
     #[cold]
     #[inline(never)]
-    pub(super) fn write_hint(
-        &self,
-        error: LineError,
-        interpreter: &Interpreter,
-        settings: &Settings,
-        message: &mut Text,
-    ) {
+    pub(super) fn write_hint(&self, error: LineError, settings: &Settings, message: &mut Text) {
         let text = self.input.text().unwrap_or_default();
-        let hint = interpreter.hint(&self.prefix, text, settings, error);
+        let hint = self.interpreter.hint(&self.prefix, text, settings, error);
         match hint {
             Some(Hint::MissingWord(letter)) => report::missing_word(message, letter),
             Some(Hint::AbsoluteCentre) => report::absolute_centre(message),
@@ -254,16 +323,15 @@ impl LineExecution {
     /// As [`Interpreter::check_jog`], and 15 for a
     /// target beyond soft limits.
     #[inline(never)]
-    pub(super) fn check_jog(
+    fn check_jog(
         &mut self,
-        interpreter: &mut Interpreter,
         settings: &Settings,
         cutter: Option<Axes<Nm>>,
     ) -> Result<(), LineError> {
         let line = self.input.text().unwrap_or_default();
         let line = line.get(3..).unwrap_or_default();
         let shortened = if settings.shortens_jogs {
-            interpreter.homed_axes()
+            self.interpreter.homed_axes()
         } else {
             0
         };
@@ -274,9 +342,10 @@ impl LineExecution {
             settings.soft_limits && (0..AXES).any(|axis| is_axis_beyond(axis, target))
         };
         let checked = if let Some(cutter) = cutter {
-            interpreter.check_jog_beside_path(line, settings, cutter, is_beyond)
+            self.interpreter
+                .check_jog_beside_path(line, settings, cutter, is_beyond)
         } else {
-            interpreter.check_jog(line, settings)
+            self.interpreter.check_jog(line, settings)
         };
         self.checked = checked?;
         if is_beyond(&self.checked.target().position) {
@@ -290,10 +359,9 @@ impl LineExecution {
     pub(super) fn outside_travel(
         &self,
         from: Axes<Nm>,
-        interpreter: &Interpreter,
         settings: &Settings,
     ) -> Option<OutsideTravel> {
-        let mut corners = interpreter.drilling_corners();
+        let mut corners = self.interpreter.drilling_corners();
         let mut from = from;
         let mut commands = self.outcome.commands.iter();
         let drills = self.checked.drills();

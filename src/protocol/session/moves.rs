@@ -10,7 +10,7 @@ use heapless::spsc::Producer;
 
 use super::{
     AfterCommands, LineExecution, LineStage, Path, Ports, Progress, Session, Source,
-    machine_sync::MachineSync, path::ProgrammedPosition,
+    cutter_path::SentCompensated, machine_sync::MachineSync, path::ProgrammedPosition,
 };
 use crate::{
     gcode::{LineError, NotPlain, PlainPrefix, interpreter::Interpreter},
@@ -44,14 +44,14 @@ impl Session {
     /// Executes the next line, or, when none has come, sends the moves that `G64` holds back in time.
     pub(super) fn read_line(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         if self.dialect != Dialect::Grbl {
-            return match self.read_in_dialect(ports) {
-                Some(step) => self.take_step(step, ports),
-                None => self.read_checked_line(ports),
-            };
+            let step = self.read_in_dialect(ports).unwrap_or_else(|| {
+                let (input, text) = (&mut self.line.input, &mut self.reports.message);
+                (self.lines).read_grbl(ports.received, ports.requests, input, text)
+            });
+            return self.take_step(step, ports);
         }
         let settings = &self.persistence.stored.settings;
-        let (sync, interpreter) = (&self.path.sync, &mut self.interpreter);
-        match self.line.execute_plain(sync, interpreter, settings, ports) {
+        match self.line.execute_plain(&self.path.sync, settings, ports) {
             Ok(()) => self.send_plain(ports),
             Err(NotPlain::OtherWords) if self.line.receive(ports.received) => {
                 if ports.requests.take_losses_before(ports.received.oldest()) {
@@ -69,7 +69,7 @@ impl Session {
     /// Sends the one move that a plain line asks for, unless it leaves the travel.
     fn send_plain(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         let settings = &self.persistence.stored.settings;
-        if settings.soft_limits && is_outside(settings, &self.interpreter.position()) {
+        if settings.soft_limits && is_outside(settings, &self.line.interpreter.position()) {
             return self.send_fault(ports);
         }
         if ports.machine.state == State::Check {
@@ -84,8 +84,7 @@ impl Session {
     /// Sends the commands of the line from the given one on to the machine, as far as there is room.
     pub(super) fn send_commands(&mut self, first: usize, ports: &mut Ports<'_, '_>) -> Progress {
         let mut next = first;
-        let (line, interpreter) = (&mut self.line, &mut self.interpreter);
-        if !self.path.send_line(&mut next, line, interpreter, ports) {
+        if !(self.path).send_line(&mut next, &mut self.line, ports) {
             self.stage = LineStage::Sending(next);
             return Progress::Waiting;
         }
@@ -98,6 +97,21 @@ impl Session {
         }
     }
 
+    /// Sends what compensation has released, and the commands of the line from the given one on, as far as there is room.
+    #[inline(never)]
+    pub(super) fn send_compensated(&mut self, first: usize, ports: &mut Ports<'_, '_>) -> Progress {
+        let mut next = first;
+        let (line, path) = (&mut self.line, &mut self.path);
+        match (self.cutter_path).send_line(&mut next, line, path, ports) {
+            SentCompensated::All => self.send_commands(0, ports),
+            SentCompensated::Part => {
+                self.stage = LineStage::Compensating(next);
+                Progress::Waiting
+            }
+            SentCompensated::UpToTravel => self.send_fault(ports),
+        }
+    }
+
     /// Drops moves that the machine would not execute: it is locked, or has ended a motion early.
     pub(super) fn drop_cancelled(&mut self, machine: &Snapshot) {
         let is_dropped = machine.state == State::Alarm || self.path.sync.is_cancelled(machine);
@@ -105,7 +119,7 @@ impl Session {
         if is_dropped && self.stage != LineStage::Faulted {
             self.path.blender.clear();
             self.path.router.take_remainder();
-            self.cancel_compensation();
+            self.cutter_path.cancel(&self.path, &mut self.line);
         }
     }
 
@@ -149,8 +163,12 @@ impl Session {
             AfterCommands::Home { mask } => return self.end_homing(machine, mask),
             // `advance` calls what sends more commands.
             AfterCommands::ToolPause => return Progress::Again,
-            AfterCommands::ToolReturn => return self.end_tool_change(),
-            AfterCommands::Again => return self.dispatch_again(),
+            AfterCommands::ToolReturn => {
+                let interrupted = &self.tool_change.interrupted;
+                self.line.interpreter.end_tool_change(interrupted);
+                return self.enter(LineStage::AwaitingStandstill);
+            }
+            AfterCommands::Again => return self.enter(LineStage::AwaitingStandstill),
         }
         self.accept()
     }
@@ -173,8 +191,7 @@ impl Session {
         } else {
             ProgrammedPosition::Stays
         };
-        self.path
-            .continue_from(machine, programmed, &mut self.interpreter);
+        self.path.continue_from(machine, programmed, &mut self.line);
         if self.probing.has_ended && machine.probed.success {
             self.store_contact(machine)
         } else {
@@ -198,7 +215,6 @@ impl LineExecution {
     fn execute_plain(
         &mut self,
         sync: &MachineSync,
-        interpreter: &mut Interpreter,
         settings: &Settings,
         ports: &mut Ports<'_, '_>,
     ) -> Result<(), NotPlain> {
@@ -229,7 +245,7 @@ impl LineExecution {
             self.prefix = PlainPrefix::default();
             return Err(NotPlain::OtherWords);
         }
-        match interpreter.execute_plain(
+        match self.interpreter.execute_plain(
             waiting,
             settings,
             &mut self.prefix,
@@ -253,7 +269,6 @@ impl Path {
         machine: &Snapshot,
         stage: LineStage,
         line: &mut LineExecution,
-        interpreter: &mut Interpreter,
     ) {
         if !self.is_done(machine) {
             return;
@@ -269,7 +284,7 @@ impl Path {
             }
         }
         if !self.sync.is_position_known {
-            self.adopt_position(machine, interpreter);
+            self.adopt_position(machine, line);
         }
     }
 
@@ -278,10 +293,9 @@ impl Path {
         &mut self,
         next: &mut usize,
         line: &mut LineExecution,
-        interpreter: &mut Interpreter,
         ports: &mut Ports<'_, '_>,
     ) -> bool {
-        let control = line.path_control(interpreter);
+        let control = line.path_control();
         while let Some(command) = line.outcome.commands.get(*next) {
             let is_blended = is_blended(control, command);
             if !is_blended {
@@ -293,7 +307,7 @@ impl Path {
             let drills = line.drilling == Some(*next);
             // Of one that has begun, the remainder follows.
             if !self.router.is_within_command() {
-                if drills && !line.take_drilling_command(*next, interpreter) {
+                if drills && !line.take_drilling_command(*next) {
                     *next += 1;
                     continue;
                 }
@@ -307,7 +321,7 @@ impl Path {
             match self.send_command(command, control, ports.entries) {
                 Some(true) => self.sync.is_jogging |= is_jog,
                 Some(false) => {
-                    let laser_rpm = self.constant_laser_rpm(interpreter);
+                    let laser_rpm = self.constant_laser_rpm(&line.interpreter);
                     if let Some(work) = line.work_without_steps(ports.machine, *next, laser_rpm) {
                         self.sync.is_jogging |= is_jog;
                         self.send_work(work, ports.entries);
@@ -373,7 +387,6 @@ impl Path {
         command: &Command,
         control: PathControl,
         line: &mut LineExecution,
-        interpreter: &Interpreter,
         ports: &mut Ports<'_, '_>,
     ) -> bool {
         if !is_blended(control, command) {
@@ -386,7 +399,7 @@ impl Path {
         if is_sent == Some(false)
             && let Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } = command
         {
-            let laser_rpm = self.constant_laser_rpm(interpreter);
+            let laser_rpm = self.constant_laser_rpm(&line.interpreter);
             if let Some(work) = line.power_without_steps(*feed_rate, laser_rpm) {
                 self.send_work(work, ports.entries);
             }

@@ -57,11 +57,11 @@ impl Session {
             Notice::Alarm(Alarm::ResetInMotion) => {}
             Notice::Alarm(alarm) => {
                 if !alarm.keeps_position() {
-                    self.interpreter.forget_home();
+                    self.line.interpreter.forget_home();
                 }
                 let is_of_probing = matches!(alarm, Alarm::ProbeState | Alarm::ProbeContact);
                 if is_of_probing && self.persistence.stored.settings.probing_alarm_switches_off {
-                    self.interpreter.switch_off();
+                    self.line.interpreter.switch_off();
                 }
                 let settings = &self.persistence.stored.settings;
                 if self.host.write(text, SenderMessage::Alarm(alarm), settings) {
@@ -74,12 +74,17 @@ impl Session {
                 }
             }
             #[cfg(arc_machine)]
-            Notice::CycleStart => self.start_stored_program(machine),
+            Notice::CycleStart => {
+                let is_free = self.stage == super::LineStage::Reading && self.path.is_done(machine);
+                if is_free && self.persistence.stored.settings.runs_stored_program {
+                    self.stored_program.start();
+                }
+            }
             Notice::CheckDoor => report::feedback(text, Feedback::CheckDoor),
             Notice::RestoringSpindle => report::feedback(text, Feedback::RestoringSpindle),
             Notice::SpindleDelay => report::feedback(text, Feedback::SpindleDelay),
             Notice::Sleeping => report::feedback(text, Feedback::Sleeping),
-            Notice::Standstill if self.compensator.is_waiting() => {
+            Notice::Standstill if self.cutter_path.is_waiting() => {
                 report::feedback(text, Feedback::CompensationWaits);
             }
             Notice::Standstill => {}
@@ -107,7 +112,7 @@ impl Session {
                 report::feedback(text, Feedback::ResetNeeded);
             }
             self.reports.has_reported_fault = true;
-            self.interpreter.forget_home();
+            self.line.interpreter.forget_home();
         }
         self.reports.flush(ports.sent) && self.host.rules().answers_when_stopped
     }

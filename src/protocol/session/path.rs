@@ -10,13 +10,13 @@
 
 use heapless::spsc::Producer;
 
-use super::machine_sync::MachineSync;
+use super::{LineExecution, machine_sync::MachineSync};
 use crate::{
     axis::Axes,
-    gcode::interpreter::Interpreter,
     machine::Snapshot,
+    model::State,
     path::{Blender, Entry, Router, Work},
-    protocol::{report, text::Text},
+    protocol::{dollar::Condition, report, text::Text},
     settings::Settings,
     units::Nm,
 };
@@ -71,6 +71,31 @@ impl Path {
         machine.is_at_rest && self.has_finished(machine)
     }
 
+    /// Returns what `$` statements may ask of the machine now.
+    pub(super) fn condition(&self, machine: &Snapshot) -> Condition {
+        let has_finished = self.has_finished(machine);
+        match machine.state {
+            State::Alarm => Condition::Alarm,
+            State::Check => Condition::Check,
+            State::Jog => Condition::Jog,
+            State::Idle | State::Tool if has_finished => Condition::Idle,
+            State::Idle | State::Tool | State::Run if self.sync.is_jogging && !has_finished => {
+                Condition::Jog
+            }
+            State::Idle
+            | State::Tool
+            | State::Run
+            | State::HoldSlowing
+            | State::HoldComplete
+            | State::Home
+            | State::DoorClosed
+            | State::DoorAjar
+            | State::DoorRetracting
+            | State::DoorRestoring
+            | State::Sleep => Condition::Run,
+        }
+    }
+
     /// Sends work that needs standstill.
     pub(super) fn send_work(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
         let end_ms = self.router.duration_ms();
@@ -78,8 +103,8 @@ impl Path {
     }
 
     /// Makes the position of the machine the programmed one.
-    pub(super) fn adopt_position(&mut self, machine: &Snapshot, interpreter: &mut Interpreter) {
-        self.continue_from(machine, ProgrammedPosition::Machine, interpreter);
+    pub(super) fn adopt_position(&mut self, machine: &Snapshot, line: &mut LineExecution) {
+        self.continue_from(machine, ProgrammedPosition::Machine, line);
         self.sync.is_position_known = true;
     }
 
@@ -89,12 +114,12 @@ impl Path {
         &mut self,
         machine: &Snapshot,
         programmed: ProgrammedPosition,
-        interpreter: &mut Interpreter,
+        line: &mut LineExecution,
     ) {
         let position = self.router.set_steps(machine.steps);
         match programmed {
-            ProgrammedPosition::Machine => interpreter.set_position(position),
-            ProgrammedPosition::At(position) => interpreter.set_position(position),
+            ProgrammedPosition::Machine => line.interpreter.set_position(position),
+            ProgrammedPosition::At(position) => line.interpreter.set_position(position),
             ProgrammedPosition::Stays => {}
         }
     }
@@ -104,12 +129,12 @@ impl Path {
         &mut self,
         settings: &Settings,
         machine: &Snapshot,
-        interpreter: &mut Interpreter,
+        line: &mut LineExecution,
         entries: &mut Producer<'_, Entry>,
     ) {
         let before = self.router.settings();
         if settings.laser != before.laser {
-            interpreter.switch_spindle_off();
+            line.interpreter.switch_spindle_off();
         }
         // The steps stay the same; with another resolution they are another position.
         let are_elsewhere =
@@ -120,7 +145,7 @@ impl Path {
             ProgrammedPosition::Stays
         };
         self.router.configure(settings);
-        self.continue_from(machine, programmed, interpreter);
+        self.continue_from(machine, programmed, line);
         self.send_work(Work::Configure(*settings), entries);
     }
 

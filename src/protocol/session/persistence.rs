@@ -265,15 +265,14 @@ impl Session {
         if !self.path.is_done(machine) {
             return self.await_standstill();
         }
-        (self.persistence).begin(&record, self.interpreter.tools_mut());
-        self.stage = LineStage::Storing(then);
-        Progress::Again
+        (self.persistence).begin(&record, self.line.interpreter.tools_mut());
+        self.enter(LineStage::Storing(then))
     }
 
     /// Stores the offset or the position that the line sets, and then executes the line.
     #[inline(never)]
     pub(super) fn store_new_origins(&mut self, machine: &Snapshot) -> Progress {
-        let origins = self.interpreter.origins_after(&self.line.checked);
+        let origins = self.line.interpreter.origins_after(&self.line.checked);
         let record = origins.as_ref().map(NewRecord::Origins);
         self.store(machine, record, AfterStore::Commit)
     }
@@ -283,7 +282,10 @@ impl Session {
     pub(super) fn store_contact(&mut self, machine: &Snapshot) -> Progress {
         let contact = self.settings().position_of(machine.probed.steps);
         let checked = &self.line.checked;
-        let origins = self.interpreter.origins_after_contact(checked, &contact);
+        let origins = self
+            .line
+            .interpreter
+            .origins_after_contact(checked, &contact);
         let record = origins.as_ref().map(NewRecord::Origins);
         self.store(machine, record, AfterStore::SetOrigins)
     }
@@ -299,7 +301,7 @@ impl Session {
         let text = self.line.input.text().unwrap_or_default();
         let words = text.get(text.len() - length..).unwrap_or_default();
         let settings = &self.persistence.stored.settings;
-        match self.interpreter.read_tool(number, words, settings) {
+        match self.line.interpreter.read_tool(number, words, settings) {
             Ok(tool) => {
                 let record = tool.map(|(slot, entry)| NewRecord::Tool(slot, entry));
                 self.store(machine, record, AfterStore::Answer)
@@ -314,7 +316,7 @@ impl Session {
     #[must_use]
     pub fn erasing(&self, machine: &Snapshot) -> Erasing {
         let is_idle = machine.state == State::Idle && self.path.is_done(machine);
-        let is_on = !self.settings().laser && self.interpreter.modal().spindle != Spindle::Off;
+        let is_on = !self.settings().laser && self.line.interpreter.modal().spindle != Spindle::Off;
         if is_idle && !is_on && machine.spindle == Spindle::Off {
             Erasing::Allowed
         } else {
@@ -339,17 +341,16 @@ impl Session {
             }
             AfterStore::Configure => {
                 self.configure(ports);
-                self.stage = LineStage::Completing(AfterCommands::Answer);
-                Progress::Again
+                self.enter(LineStage::Completing(AfterCommands::Answer))
             }
             AfterStore::SetOrigins => {
-                (self.interpreter).set_origins(&self.persistence.stored.origins);
+                (self.line.interpreter).set_origins(&self.persistence.stored.origins);
                 self.reports.cadence.offset_changed();
                 self.accept()
             }
             AfterStore::Restore => {
                 self.configure(ports);
-                (self.interpreter).set_origins(&self.persistence.stored.origins);
+                (self.line.interpreter).set_origins(&self.persistence.stored.origins);
                 report::feedback(&mut self.reports.message, Feedback::RestoringDefaults);
                 self.answer_and_reset()
             }
@@ -361,7 +362,7 @@ impl Session {
         if self.persistence.is_deferred() && self.path.is_done(ports.machine) {
             self.persistence.state = StoreState::Idle;
             self.configure(ports);
-            (self.interpreter).set_origins(&self.persistence.stored.origins);
+            (self.line.interpreter).set_origins(&self.persistence.stored.origins);
         }
     }
 
@@ -369,18 +370,12 @@ impl Session {
     pub(super) fn configure(&mut self, ports: &mut Ports<'_, '_>) {
         let stored = &self.persistence.stored.settings;
         let settings = self.host.settings_in_effect(stored);
-        (self.path).configure(
-            &settings,
-            ports.machine,
-            &mut self.interpreter,
-            ports.entries,
-        );
+        (self.path).configure(&settings, ports.machine, &mut self.line, ports.entries);
     }
 
     /// Answers `ok`, and resets.
     pub(super) fn answer_and_reset(&mut self) -> Progress {
         answer(&mut self.reports.message, Ok(()));
-        self.stage = LineStage::Resetting;
-        Progress::Again
+        self.enter(LineStage::Resetting)
     }
 }

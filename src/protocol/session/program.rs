@@ -14,10 +14,10 @@ use crate::{
         interpreter::{CheckedLine, Message},
     },
     machine::Snapshot,
-    model::{Command, State},
-    path::{OutsideTravel, TiltedArc},
+    model::State,
+    path::OutsideTravel,
     protocol::{
-        dialect::SenderDialect,
+        dialect::{NextStep, SenderDialect},
         report::{self, Feedback},
     },
     units::Nm,
@@ -65,22 +65,15 @@ impl Session {
 
     /// Requests a hold behind the bytes that have been taken.
     pub(super) fn request_hold(&mut self, ports: &Ports<'_, '_>) {
-        ports
-            .requests
-            .accept_from_interpret(b'!', ports.received.oldest());
+        let received = ports.received.oldest();
+        ports.requests.accept_from_interpret(b'!', received);
         self.path.sync.has_release_request = true;
-    }
-
-    /// Interprets the line as from this source.
-    pub(super) fn interpret_as(&mut self, source: Source, ports: &mut Ports<'_, '_>) -> Progress {
-        self.line.source = source;
-        self.interpret(ports)
     }
 
     /// Checks what the line asks for against the state in which the machine is.
     fn check_state(&self, machine: &Snapshot) -> Result<(), LineError> {
         let checked = &self.line.checked;
-        if self.is_refused_in_tool_change() {
+        if self.tool_change.refuses(&self.line) {
             return Err(LineError::ToolChange);
         }
         if machine.state == State::Alarm && checked.needs_unlocked() {
@@ -96,33 +89,26 @@ impl Session {
             self.line.checked = CheckedLine::default();
             return self.await_standstill();
         }
-        self.interpreter
-            .set_optional_stop(machine.overrides.optional_stop);
-        let checked = match self.line.source {
-            Source::Jog => {
-                let cutter = self.is_only_beside_path().then(|| self.compensator.end());
-                let settings = &self.persistence.stored.settings;
-                (self.line).check_jog(&mut self.interpreter, settings, cutter)
-            }
-            Source::Line | Source::NewStartup { .. } | Source::Startup { .. } => {
-                (self.line).check(&mut self.interpreter, &self.persistence.stored)
-            }
-        };
+        let is_stopping = machine.overrides.optional_stop;
+        self.line.interpreter.set_optional_stop(is_stopping);
+        let stored = &self.persistence.stored;
+        let checked = self.line.check(stored, &self.cutter_path);
         let ends_at_switch = self.line.source == Source::Line && self.host.rules().ends_at_switch;
         let checked = match checked {
             Ok(()) if ends_at_switch => self.line.checked.end_at_switch(),
             checked => checked,
         };
         let is_possible = checked.and_then(|()| self.check_state(machine));
-        if let Err(error) = is_possible.and_then(|()| self.plan_compensated()) {
+        let settings = &self.persistence.stored.settings;
+        let plan = |()| (self.cutter_path).plan(&self.line, settings);
+        if let Err(error) = is_possible.and_then(plan) {
             if self.is_hinted() {
-                let settings = &self.persistence.stored.settings;
-                let message = &mut self.reports.message;
-                (self.line).write_hint(error, &self.interpreter, settings, message);
+                (self.line).write_hint(error, settings, &mut self.reports.message);
             }
             return self.refuse(error);
         }
-        let waits = self.line.checked.waits_for_standstill() && !self.waits_behind_move();
+        let waits = self.line.checked.waits_for_standstill()
+            && !self.cutter_path.waits_behind_move(&self.line.checked);
         if waits && !self.path.is_done(machine)
             || self.waits_for_message(self.line.checked.pauses_program())
         {
@@ -147,11 +133,16 @@ impl Session {
     /// the flash.
     fn execute(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         let machine = ports.machine;
-        if self.needs_tool(machine) {
+        if (self.line).needs_tool(machine, &self.persistence.stored.settings) {
             return self.begin_tool_change(ports);
         }
-        if self.interpreter.lacks_spindle(&self.line.checked) && machine.state != State::Check {
-            return self.pause_without_spindle(ports);
+        if self.line.lacks_spindle(machine) {
+            if !self.path.is_done(machine) {
+                return self.await_standstill();
+            }
+            self.line.pause_without_spindle();
+            report::feedback(&mut self.reports.message, Feedback::SpindleOff);
+            return self.send_commands(0, ports);
         }
         if self.line.checked.sets_tool() {
             let tool = self.line.checked.new_tool();
@@ -164,17 +155,50 @@ impl Session {
         self.commit(ports)
     }
 
+    /// Begins the change of the tool for which the line asks; the machine stands still.
+    pub(super) fn begin_tool_change(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        let (line, settings) = (&mut self.line, &self.persistence.stored.settings);
+        let from = line.interpreter.position();
+        self.tool_change.begin(line, ports.machine, settings);
+        if line.leaves_travel(ports.machine, from, settings) {
+            self.probing.start = from;
+            return self.send_fault(ports);
+        }
+        self.tool_change.report(line, &mut self.reports.message);
+        self.send_commands(0, ports)
+    }
+
+    /// Waits for cycle start, then returns to the program; or begins with the operator's lines.
+    pub(super) fn continue_tool_change(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        let machine = ports.machine;
+        if !self.path.is_done(machine) || machine.state.is_suspended() {
+            return Progress::Waiting;
+        }
+        if self.tool_change.begin_manual(&self.line, ports) {
+            return self.begin_line();
+        }
+        if machine.state == State::Alarm {
+            return self.refuse(LineError::Locked);
+        }
+        self.tool_change.return_to_program(&mut self.line);
+        self.reports.is_tool_due |= self.line.outcome.shows_tool;
+        self.send_commands(0, ports)
+    }
+
+    /// Executes the next line of the operator; after the last one before cycle start, continues the change.
+    pub(super) fn read_manual_line(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+        match self.tool_change.take_line(&mut self.line, ports) {
+            NextStep::Wait if self.tool_change.is_manual() => Progress::Waiting,
+            NextStep::Wait => self.enter(LineStage::Completing(AfterCommands::ToolPause)),
+            step => self.take_step(step, ports),
+        }
+    }
+
     /// Puts the line into effect that has been checked.
     pub(super) fn commit(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        let from = self.start_of_move();
-        let line = &mut self.line;
-        self.interpreter.commit(&line.checked, &mut line.outcome);
-        if ports.machine.state == State::Alarm {
-            // A locked machine passes no time; nothing moves for which to wait.
-            let is_dwell = |command: &Command| matches!(command, Command::Dwell { .. });
-            let commands = &mut self.line.outcome.commands;
-            commands.retain(|command| !is_dwell(command));
-        }
+        let cutter = self.cutter_path.cutter(&self.line.interpreter);
+        let from = cutter.unwrap_or_else(|| self.line.interpreter.position());
+        self.line.commit(ports.machine);
         self.send(from, ports)
     }
 
@@ -182,60 +206,36 @@ impl Session {
     fn send(&mut self, from: Axes<Nm>, ports: &mut Ports<'_, '_>) -> Progress {
         let machine = ports.machine;
         let is_checking = machine.state == State::Check;
-        let ends_program = self.line.outcome.message == Some(Message::ProgramEnd);
-        if self.line.outcome.shows_offset && !(is_checking && ends_program) {
+        let (line, settings) = (&mut self.line, &self.persistence.stored.settings);
+        let ends_program = line.outcome.message == Some(Message::ProgramEnd);
+        if line.outcome.shows_offset && !(is_checking && ends_program) {
             self.reports.cadence.offset_changed();
         }
-        let waits = self.waits_behind_move();
-        let is_compensated = self.line.checked.follows_contour() || self.compensator.has_plan();
-        self.line.is_compensated = is_compensated;
-        if !is_compensated && self.leaves_travel(machine, from) {
+        line.is_compensated =
+            line.checked.follows_contour() || self.cutter_path.compensator.has_plan();
+        if !line.is_compensated && line.leaves_travel(machine, from, settings) {
             self.probing.start = from;
             return self.send_fault(ports);
         }
-        let settings = &self.persistence.stored.settings;
-        let mut commands = self.line.outcome.commands.iter();
-        self.line.tilted = commands.find_map(|command| TiltedArc::of(command, &from, settings));
-        let is_move = |command: &Command| matches!(command, Command::Line { .. });
-        let drilling = self.line.outcome.commands.iter().position(is_move);
-        self.line.drilling = drilling.filter(|_| self.line.checked.drills());
+        line.find_parts(&from, settings);
         self.queue_message(self.line.checked.pauses_program(), machine);
-        let settings = &self.persistence.stored.settings;
-        self.line.write_outcome(&mut self.reports.message, settings);
-        self.reports.is_tool_due |= self.line.outcome.shows_tool && !is_checking;
-        if is_checking && !is_compensated {
-            self.line.outcome.commands.clear();
-        }
-        self.line.after_commands = if ends_program {
-            Some(AfterCommands::Message(Feedback::ProgramEnd))
-        } else if is_checking {
-            None
-        } else if self.line.checked.probing().is_some() {
+        let (line, settings) = (&mut self.line, &self.persistence.stored.settings);
+        line.write_outcome(&mut self.reports.message, settings);
+        line.after_commands = line.end_of_commands(machine, &self.cutter_path);
+        if line.after_commands == Some(AfterCommands::Probe) {
             self.probing.has_ended = false;
             self.probing.start = from;
-            Some(AfterCommands::Probe)
-        } else {
-            // Outputs that switch at standstill have switched when the answer comes.
-            let mut commands = self.line.outcome.commands.iter();
-            let switches = !self.line.checked.moves()
-                && commands.any(|command| !matches!(command, Command::Speed(_)));
-            // A startup line is stored when its motion is over.
-            let is_stored = matches!(self.line.source, Source::NewStartup { .. });
-            let is_switched = switches || self.line.checked.answers_when_done();
-            (is_stored || is_switched && !waits).then_some(AfterCommands::Answer)
-        };
-        if is_compensated || self.compensator.is_waiting() || self.line.checked.stays_beside_path()
-        {
+        }
+        self.reports.is_tool_due |= line.outcome.shows_tool && !is_checking;
+        if is_checking && !line.is_compensated {
+            line.outcome.commands.clear();
+        }
+        let is_beside_path = line.is_compensated || line.checked.stays_beside_path();
+        if is_beside_path || self.cutter_path.is_waiting() {
             self.send_compensated(0, ports)
         } else {
             self.send_commands(0, ports)
         }
-    }
-
-    /// Returns whether some move of the line leaves the travel of the machine, where that is an error.
-    pub(super) fn leaves_travel(&self, machine: &Snapshot, from: Axes<Nm>) -> bool {
-        let settings = &self.persistence.stored.settings;
-        (self.line).leaves_travel(machine, from, &self.interpreter, settings)
     }
 
     /// Returns where the line that [`Alarm::SoftLimit`] has stopped leaves the travel, and whether it does so in a
@@ -248,11 +248,11 @@ impl Session {
             return None;
         }
         let settings = self.settings();
-        if let Some(outside) = self.compensator.outside(settings) {
+        if let Some(outside) = self.cutter_path.compensator.outside(settings) {
             return Some((outside, true));
         }
         let from = self.probing.start;
-        let outside = self.line.outside_travel(from, &self.interpreter, settings);
+        let outside = self.line.outside_travel(from, settings);
         Some((outside?, false))
     }
 
@@ -278,7 +278,7 @@ impl Session {
             return;
         }
         // A move that is held back may still be joined with others, or be changed by the next one.
-        let is_held_back = self.path.blender.has_pending() || self.compensator.is_waiting();
+        let is_held_back = self.path.blender.has_pending() || self.cutter_path.is_waiting();
         let has_passed = self.path.is_done(machine) && !is_held_back;
         if machine.state == State::Check || has_passed {
             report::operator_message(&mut self.reports.message, text);

@@ -21,8 +21,6 @@ pub(in crate::protocol) struct Reports {
     pub(in crate::protocol) is_status_due: bool,
     /// The tool in the spindle has changed, and has not been reported.
     pub(super) is_tool_due: bool,
-    /// The report that a compensated move waits is due, or has been sent.
-    pub(super) has_reported_wait: bool,
     /// The message that the machine needs a reset has been written.
     pub(super) has_reported_fault: bool,
     /// Number of notices seen, wrapping.

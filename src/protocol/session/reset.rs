@@ -37,9 +37,9 @@ impl Session {
                 owes_answer: self.stage.is_line_begun() && !is_own || self.tool_change.is_manual(),
             };
         }
-        self.end_manual();
+        self.tool_change.end_manual(&mut self.line);
         self.path.blender.clear();
-        self.compensator.clear();
+        self.cutter_path.compensator.clear();
         self.path.sync.is_jogging = false;
         self.path.sync.is_position_known = false;
         self.line_break = LineBreak::None;
@@ -72,10 +72,10 @@ impl Session {
                 has_limits,
             } => {
                 if ports.machine.reset_in_motion {
-                    self.interpreter.forget_home();
+                    self.line.interpreter.forget_home();
                 }
                 self.restart();
-                self.interpreter.set_default_feed(feed_mm_min);
+                self.line.interpreter.set_default_feed(feed_mm_min);
                 if has_limits {
                     self.persistence.restore();
                 }
@@ -87,7 +87,7 @@ impl Session {
                 return true;
             }
             Restart::GoesOn => {
-                self.interpreter.switch_off();
+                self.line.interpreter.switch_off();
                 if owes_answer {
                     report::ok(&mut self.reports.message);
                 }
@@ -96,7 +96,7 @@ impl Session {
             }
         }
         if ports.machine.reset_in_motion {
-            self.interpreter.forget_home();
+            self.line.interpreter.forget_home();
             report::alarm(&mut self.reports.message, Alarm::ResetInMotion);
         }
         if owes_answer {
@@ -116,9 +116,9 @@ impl Session {
     pub(super) fn restart(&mut self) {
         self.line.input.clear();
         self.line.source = Source::Line;
-        self.interpreter.reset();
+        self.line.interpreter.reset();
         if let Some(tool) = self.tool_before_check.take() {
-            self.interpreter.set_loaded_tool(tool);
+            self.line.interpreter.set_loaded_tool(tool);
         }
         self.probing.reported = Probed::default();
         self.reports.cadence = Cadence::default();
@@ -156,7 +156,7 @@ impl Session {
             report::welcome(text);
         }
         let damaged = self.persistence.damaged;
-        let tools = self.interpreter.tools();
+        let tools = self.line.interpreter.tools();
         let damage = SenderMessage::Damage(damaged, tools);
         if !damaged.is_empty() && !self.host.write(text, damage, settings) {
             listing::damage(text, damaged, tools);

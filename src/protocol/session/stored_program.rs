@@ -4,12 +4,15 @@
 //! an alarm, or a line that is refused ends it, and a line of the sender does when it is at its end. Its own
 //! lines are not answered.
 
-use super::{LineStage, Ports, Progress, Session};
+use super::Ports;
 use crate::{
     gcode::LineError,
-    machine::Snapshot,
     model::State,
-    protocol::report::{self, Feedback},
+    protocol::{
+        Line, Text,
+        dialect::NextStep,
+        report::{self, Feedback},
+    },
 };
 
 /// `examples/pico.nc` without its `M0`: cycle start has been pressed.
@@ -33,6 +36,11 @@ pub(super) struct StoredProgram {
 }
 
 impl StoredProgram {
+    /// Begins at cycle start, where nothing else is done.
+    pub(super) fn start(&mut self) {
+        self.is_running = true;
+    }
+
     /// Returns whether the program goes on.
     pub(super) const fn is_running(&self) -> bool {
         self.is_running
@@ -42,54 +50,34 @@ impl StoredProgram {
     pub(super) fn stop(&mut self) -> bool {
         core::mem::take(self).is_executing
     }
-}
 
-impl Session {
-    /// Begins the program at cycle start, where `$794` allows it and no line is being executed.
-    pub(super) fn start_stored_program(&mut self, machine: &Snapshot) {
-        let is_free = self.stage == LineStage::Reading && self.path.is_done(machine);
-        if self.settings().runs_stored_program && is_free && !self.stored_program.is_running {
-            self.stored_program.is_running = true;
-        }
-    }
-
-    /// Executes the next line of the program.
-    pub(super) fn execute_stored_line(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        let program = &mut self.stored_program;
-        let is_over = program.next == LINES.len() && ports.received.may_have_line();
+    /// Takes the next line of the program, or ends it.
+    pub(super) fn take_line(&mut self, line: &mut Line, ports: &Ports<'_, '_>) -> Option<NextStep> {
+        let is_over = self.next == LINES.len() && ports.received.may_have_line();
         let may_run = matches!(ports.machine.state, State::Idle | State::Run);
-        let next = program.next % LINES.len();
-        let Some(line) = LINES.get(next).filter(|_| may_run && !is_over) else {
-            program.stop();
-            return Progress::Again;
+        let next = self.next % LINES.len();
+        let Some(text) = LINES.get(next).filter(|_| may_run && !is_over) else {
+            self.stop();
+            return None;
         };
-        program.next = next + 1;
-        program.is_executing = true;
-        self.line.prefix = crate::gcode::PlainPrefix::default();
-        self.line.input.clear();
-        if self.line.input.take_from(line.bytes()) {
-            self.dispatch(ports)
+        self.next = next + 1;
+        self.is_executing = true;
+        line.clear();
+        Some(if line.take_from(text.bytes()) {
+            NextStep::Execute
         } else {
-            self.refuse(LineError::LineOverflow)
-        }
+            NextStep::Answer(Err(LineError::LineOverflow))
+        })
     }
 
     /// Ends a line of the program without an answer. Returns false for lines of others.
-    pub(super) fn end_stored_line(&mut self, result: Result<(), LineError>) -> bool {
-        let program = &mut self.stored_program;
-        let is_executing = core::mem::take(&mut program.is_executing);
+    pub(super) fn end_line(&mut self, result: Result<(), LineError>, text: &mut Text) -> bool {
+        let is_executing = core::mem::take(&mut self.is_executing);
         if is_executing && result.is_err() {
-            program.stop();
-            report::feedback(&mut self.reports.message, Feedback::StoredProgramRefused);
+            self.stop();
+            report::feedback(text, Feedback::StoredProgramRefused);
         }
         is_executing
-    }
-
-    /// Reports an arc that could not follow `$790`, before an answer.
-    pub(super) fn report_off_steps(&mut self) {
-        if self.path.router.takes_off_steps() {
-            report::feedback(&mut self.reports.message, Feedback::ArcOffSteps);
-        }
     }
 }
 

@@ -10,7 +10,7 @@
 
 use core::mem;
 
-use super::{AfterCommands, LineStage, Ports, Progress, Session, Source};
+use super::{AfterCommands, LineExecution, Ports, Source};
 use crate::{
     gcode::{
         LineError, PlainPrefix,
@@ -18,11 +18,8 @@ use crate::{
     },
     machine::Snapshot,
     model::State,
-    protocol::{
-        line::Line,
-        report::{self, Feedback},
-    },
-    settings::TOOL_CHANGE_IGNORED,
+    protocol::{dialect::NextStep, line::Line, report, text::Text},
+    settings::Settings,
 };
 
 /// The change of a tool for which the machine waits.
@@ -31,7 +28,7 @@ pub(super) struct ToolChange {
     /// The tool to be loaded.
     tool: u8,
     /// What the change interrupts.
-    interrupted: Interrupted,
+    pub(super) interrupted: Interrupted,
     /// The operator's lines are executed.
     is_manual: bool,
     /// [`crate::model::ToolMarks::changes`] as seen last.
@@ -61,157 +58,95 @@ impl ToolChange {
     pub(super) const fn is_manual(&self) -> bool {
         self.is_manual
     }
-}
 
-impl Session {
-    /// Returns whether the machine has to wait for a tool before it executes the line.
-    pub(super) fn needs_tool(&self, machine: &Snapshot) -> bool {
-        self.line.checked.changes_tool()
-            && machine.state != State::Check
-            && self.settings().tool_change != TOOL_CHANGE_IGNORED
+    /// Returns whether a line has no place in the change: jogs alone move the machine.
+    pub(super) fn refuses(&self, line: &LineExecution) -> bool {
+        self.is_manual && line.source != Source::Jog && line.checked.is_program()
     }
 
-    /// Returns whether a line has no place in a change of the tool: jogs alone move the machine.
-    pub(super) fn is_refused_in_tool_change(&self) -> bool {
-        let is_jog = self.line.source == Source::Jog;
-        self.tool_change.is_manual && !is_jog && self.line.checked.is_program()
-    }
-
-    /// Begins the change of the tool for which the line asks; the machine stands still.
-    pub(super) fn begin_tool_change(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        let from = self.interpreter.position();
-        let settings = self.settings();
-        let is_moved = settings.tool_change_travel && self.interpreter.is_homed();
-        let height = is_moved.then(|| settings.top());
-        let checked = &self.line.checked;
-        let change = &mut self.tool_change;
-        change.tool = checked.loaded_tool();
-        change.changes = ports.machine.tool_marks.changes;
-        let outcome = &mut self.line.outcome;
-        change.interrupted = self.interpreter.begin_tool_change(checked, height, outcome);
-        if self.leaves_travel(ports.machine, from) {
-            self.probing.start = from;
-            return self.send_fault(ports);
-        }
-        let text = &mut self.reports.message;
-        report::tool_change(text, self.tool_change.tool, self.line.input.message());
-        // The rest of the line has none.
-        self.line.input.clear_comment();
-        self.send_own_commands(AfterCommands::ToolPause, ports)
-    }
-
-    /// Waits for cycle start, then returns to the program; or begins with the operator's lines.
-    pub(super) fn continue_tool_change(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        let machine = ports.machine;
-        if !self.path.is_done(machine) || machine.state.is_suspended() {
-            return Progress::Waiting;
-        }
-        if self.tool_change.changes != machine.tool_marks.changes {
-            return self.begin_manual(ports);
-        }
-        if machine.state == State::Alarm {
-            return self.refuse(LineError::Locked);
-        }
-        let change = &self.tool_change;
-        let outcome = &mut self.line.outcome;
-        self.interpreter
-            .return_from_tool_change(&change.interrupted, change.tool, outcome);
-        self.reports.is_tool_due |= outcome.shows_tool;
-        self.send_own_commands(AfterCommands::ToolReturn, ports)
-    }
-
-    /// Ends the change: the line is dispatched again, for the rest of it.
-    pub(super) fn end_tool_change(&mut self) -> Progress {
-        self.interpreter
-            .end_tool_change(&self.tool_change.interrupted);
-        self.dispatch_again()
-    }
-
-    /// Has the line dispatched again.
-    pub(super) fn dispatch_again(&mut self) -> Progress {
-        self.stage = LineStage::AwaitingStandstill;
-        Progress::Again
-    }
-
-    /// Pauses before a feed move after a change of the tool, as nobody has switched the spindle on.
-    pub(super) fn pause_without_spindle(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        if !self.path.is_done(ports.machine) {
-            return self.await_standstill();
-        }
-        self.interpreter
-            .pause_without_spindle(&mut self.line.outcome);
-        report::feedback(&mut self.reports.message, Feedback::SpindleOff);
-        self.send_own_commands(AfterCommands::Again, ports)
-    }
-
-    /// Sends commands that are not those of the line, of which an earlier one may have ended within a cycle
-    /// or a tilted arc.
-    fn send_own_commands(
+    /// Begins the change for which the line asks; the machine stands still. The line has the commands for that.
+    pub(super) fn begin(
         &mut self,
-        after_commands: AfterCommands,
-        ports: &mut Ports<'_, '_>,
-    ) -> Progress {
-        self.line.tilted = None;
-        self.line.drilling = None;
-        self.line.after_commands = Some(after_commands);
-        self.send_commands(0, ports)
+        line: &mut LineExecution,
+        machine: &Snapshot,
+        settings: &Settings,
+    ) {
+        let is_moved = settings.tool_change_travel && line.interpreter.is_homed();
+        let height = is_moved.then(|| settings.top());
+        self.tool = line.checked.loaded_tool();
+        self.changes = machine.tool_marks.changes;
+        let interpreter = &mut line.interpreter;
+        self.interrupted = interpreter.begin_tool_change(&line.checked, height, &mut line.outcome);
+        line.follow_own_commands(AfterCommands::ToolPause);
     }
 
-    /// Begins to execute the operator's lines.
-    fn begin_manual(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+    /// Says for which tool the machine waits. The rest of the line has no message.
+    pub(super) fn report(&self, line: &mut LineExecution, text: &mut Text) {
+        report::tool_change(text, self.tool, line.input.message());
+        line.input.clear_comment();
+    }
+
+    /// Returns to the program. The line has the commands for that.
+    pub(super) fn return_to_program(&self, line: &mut LineExecution) {
+        let interpreter = &mut line.interpreter;
+        interpreter.return_from_tool_change(&self.interrupted, self.tool, &mut line.outcome);
+        line.follow_own_commands(AfterCommands::ToolReturn);
+    }
+
+    /// Begins to execute the operator's lines, where they have begun. Returns whether that is so.
+    pub(super) fn begin_manual(&mut self, line: &LineExecution, ports: &Ports<'_, '_>) -> bool {
         let marks = &ports.machine.tool_marks;
-        let change = &mut self.tool_change;
-        change.changes = marks.changes;
-        change.is_manual = true;
-        change.kept = ports.received.waiting_before(marks.begin);
-        change.source = self.line.source;
-        change.line.copy_from(&self.line.input);
-        self.begin_line()
+        if mem::replace(&mut self.changes, marks.changes) == marks.changes {
+            return false;
+        }
+        self.is_manual = true;
+        self.kept = ports.received.waiting_before(marks.begin);
+        self.source = line.source;
+        self.line.copy_from(&line.input);
+        true
     }
 
     /// Ends the operator's lines: the line that changes the tool is the present one again.
-    pub(super) fn end_manual(&mut self) {
-        let change = &mut self.tool_change;
-        if mem::take(&mut change.is_manual) {
-            self.line.source = change.source;
-            self.line.prefix = PlainPrefix::default();
-            self.line.checked = CheckedLine::default();
-            self.line.input.copy_from(&change.line);
+    pub(super) fn end_manual(&mut self, line: &mut LineExecution) {
+        if mem::take(&mut self.is_manual) {
+            line.source = self.source;
+            line.prefix = PlainPrefix::default();
+            line.checked = CheckedLine::default();
+            line.input.copy_from(&self.line);
         }
     }
 
-    /// Executes the next line of the operator; after the last one before cycle start, continues the
-    /// change.
-    pub(super) fn read_manual_line(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
-        let machine = ports.machine;
-        let kept = self.tool_change.kept;
+    /// Takes the next line of the operator; after the last one before cycle start, ends them.
+    pub(super) fn take_line(
+        &mut self,
+        line: &mut LineExecution,
+        ports: &mut Ports<'_, '_>,
+    ) -> NextStep {
+        let (machine, kept) = (ports.machine, self.kept);
         // Everything else comes back to `Tool`.
         let is_over = machine.state == State::Idle;
+        let received = &mut *ports.received;
         let end = if is_over {
-            ports.received.waiting_before(machine.tool_marks.end)
+            received.waiting_before(machine.tool_marks.end)
         } else {
-            ports.received.len()
+            received.len()
         };
-        if ports.received.has_line_end(kept, end) {
-            self.line.prefix = PlainPrefix::default();
-            let line = &mut self.line.input;
-            let take = |byte| line.take_from(core::iter::once(byte));
-            ports.received.take_behind(kept, take);
-            if kept != 0 {
-                let received = &*ports.received;
-                ports.requests.spread_losses(|| received.written());
+        if !received.has_line_end(kept, end) {
+            if is_over {
+                self.end_manual(line);
             }
-            let end = ports.received.oldest().wrapping_add(kept);
-            if ports.requests.take_losses_before(end) {
-                return self.refuse(LineError::BytesLost);
-            }
-            return self.dispatch(ports);
+            return NextStep::Wait;
         }
-        if !is_over {
-            return Progress::Waiting;
+        line.prefix = PlainPrefix::default();
+        received.take_behind(kept, |byte| line.input.take_from(core::iter::once(byte)));
+        if kept != 0 {
+            ports.requests.spread_losses(|| received.written());
         }
-        self.end_manual();
-        self.stage = LineStage::Completing(AfterCommands::ToolPause);
-        Progress::Again
+        let end = received.oldest().wrapping_add(kept);
+        if ports.requests.take_losses_before(end) {
+            NextStep::Answer(Err(LineError::BytesLost))
+        } else {
+            NextStep::Execute
+        }
     }
 }
