@@ -146,7 +146,7 @@ impl<I: Iterator<Item = u8> + Clone> Iterator for WordReader<I> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NotPlain {
     /// The line has other words, or an error.
-    NotPlain,
+    OtherWords,
     /// The bytes end before the line, which may be plain yet.
     Incomplete,
 }

@@ -227,7 +227,7 @@ impl Session {
     /// Returns the changes that are in effect, and wait to be stored.
     #[must_use]
     pub const fn waiting_changes(&self) -> Changes {
-        self.persistence.waiting()
+        self.persistence.waiting
     }
 
     /// Returns what is stored, with the requested change.

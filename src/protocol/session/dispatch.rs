@@ -166,7 +166,7 @@ impl Session {
             tools: self.line.interpreter.tools(),
             probed: &self.probing.reported,
             faults: FaultCounts {
-                waiting_changes: self.persistence.waiting().count(),
+                waiting_changes: self.persistence.waiting.count(),
                 ..self.faults
             },
             damaged: self.persistence.damaged,
@@ -226,8 +226,7 @@ impl Session {
         }
         let Source::Startup { number, .. } = self.line.source else {
             let settings = &self.persistence.stored.settings;
-            let reports = &mut self.reports;
-            let interpreter = &mut self.line.interpreter;
+            let (reports, interpreter) = (&mut self.reports, &mut self.line.interpreter);
             if !(self.host).end_line(result, &self.lines, settings, interpreter, reports) {
                 answer(&mut reports.message, result);
             }

@@ -71,7 +71,7 @@ pub(super) struct Persistence {
     previous_tool: Option<ToolEntry>,
     state: StoreState,
     /// What is in effect, and is to be stored when an erase is allowed.
-    waiting: Changes,
+    pub(super) waiting: Changes,
     /// What is damaged where it is stored, until it is stored anew.
     pub(super) damaged: Changes,
     /// Something has begun to wait, or could not be stored, and the sender is to know it.
@@ -89,11 +89,6 @@ impl Persistence {
             damaged: Changes::default(),
             feedback: None,
         }
-    }
-
-    /// Returns what is in effect, and not stored yet.
-    pub(super) const fn waiting(&self) -> Changes {
-        self.waiting
     }
 
     /// Returns whether [`Self::store_postponed`] may have something to do.
@@ -199,11 +194,6 @@ impl Persistence {
     pub(super) fn defer(&mut self) {
         self.state = StoreState::Deferred;
     }
-
-    /// Returns whether what is stored has been left to take effect.
-    pub(super) fn is_deferred(&self) -> bool {
-        self.state == StoreState::Deferred
-    }
 }
 
 /// What is to be stored.
@@ -246,7 +236,14 @@ impl NewRecord<'_> {
             Self::Defaults(Change::RestoreSettings) => stored.settings = new.settings,
             Self::Defaults(Change::RestoreOrigins) => stored.origins = new.origins,
             Self::Defaults(Change::RestoreAll) => *stored = new,
-            Self::Tool(..) | Self::Defaults(_) => {}
+            Self::Tool(..)
+            | Self::Defaults(
+                Change::Settings
+                | Change::Origins
+                | Change::Startup(_)
+                | Change::BuildInfo
+                | Change::Tool(_),
+            ) => {}
         }
     }
 }
@@ -359,7 +356,7 @@ impl Session {
 
     /// Puts into effect what was stored when a reset came, once the machine stands still.
     pub(super) fn apply_stored(&mut self, ports: &mut Ports<'_, '_>) {
-        if self.persistence.is_deferred() && self.path.is_done(ports.machine) {
+        if self.persistence.state == StoreState::Deferred && self.path.is_done(ports.machine) {
             self.persistence.state = StoreState::Idle;
             self.configure(ports);
             (self.line.interpreter).set_origins(&self.persistence.stored.origins);
