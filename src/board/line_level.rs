@@ -33,7 +33,6 @@ impl LineLevel {
     }
 
     /// Takes a look.
-    #[inline(never)]
     pub(crate) fn look(&mut self, requests: &Requests) {
         tasks::look_at_line(
             contacts::is_line_low(),

@@ -95,7 +95,6 @@ impl Memory {
     }
 }
 
-#[inline(never)]
 fn make_session(
     memory: &'static mut MaybeUninit<Session>,
     loaded: &Loaded,
@@ -106,7 +105,6 @@ fn make_session(
 }
 
 impl Storage {
-    #[inline(never)]
     fn load(&mut self) -> Loaded {
         let mut loaded = self.0.load().unwrap_or_default();
         loaded.stored.settings.step_rate = proven::step_rate();

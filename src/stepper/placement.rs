@@ -172,7 +172,6 @@ pub(super) struct Placement {
 
 impl Placement {
     /// Returns the method for the steps of the axis.
-    #[inline]
     pub(super) fn method(&self, steps: &AxisSteps) -> Method {
         let min_period = (self.pulse_slots + self.low_slots) * SLOT_TICKS;
         let slot = (self.offset_ticks + steps.next_ticks) / SLOT_TICKS;
@@ -218,8 +217,6 @@ impl Placement {
 
     /// Adds steps at their times. The slot and the ticks in it are in one word, which wraps as slots
     /// do.
-    #[inline(always)]
-    #[expect(clippy::inline_always, reason = "two loops are made from it")]
     fn add_in_time(
         &mut self,
         slots: &mut Slots,
@@ -249,8 +246,6 @@ impl Placement {
     }
 
     /// Adds steps at their times, or as soon after them as the pulse before allows.
-    #[inline(always)]
-    #[expect(clippy::inline_always, reason = "two loops are made from it")]
     fn add_later(
         &mut self,
         slots: &mut Slots,
@@ -301,8 +296,6 @@ pub(super) struct Cursor {
 
 impl Cursor {
     /// Returns an event at a time, or as soon after it as the event before allows.
-    #[inline(always)]
-    #[expect(clippy::inline_always, reason = "see `Cost`")]
     pub(super) fn schedule(&mut self, time: i32, event: StepEvent) -> StepEvent {
         let time = time.max(self.last_ticks + SLOT_TICKS_SIGNED);
         let ticks = (time - self.last_ticks).cast_unsigned();
@@ -315,7 +308,6 @@ impl Cursor {
     }
 
     /// Returns an event, marked if it is the first of the segment.
-    #[inline]
     pub(super) fn mark_boundary(&mut self, event: StepEvent) -> StepEvent {
         if core::mem::take(&mut self.is_at_boundary) {
             event.at_boundary()
@@ -333,20 +325,17 @@ impl Slots {
     };
 
     /// The event of a slot, or none.
-    #[inline]
     fn event_in(&mut self, slot: u32) -> &mut StepEvent {
         &mut self.events[(slot % SLOTS) as usize]
     }
 
     /// The bits of a slot and its neighbours in a word.
-    #[inline]
     fn occupied_word(&mut self, slot: u32) -> &mut u32 {
         &mut self.occupied[(slot % SLOTS / WORD_BITS) as usize]
     }
 
     /// Adds a step of the axes in `axes` at `ticks` from the slot's start: steps of other axes in the
     /// slot move there, too.
-    #[inline]
     pub(super) fn add_step(&mut self, slot: u32, axes: u32, ticks: u32) {
         let event = self.event_in(slot);
         *event = event
@@ -357,7 +346,6 @@ impl Slots {
 
     /// Moves the events in the slots right before a step, so that the step need not wait: each comes
     /// no later in its slot than the step in its own. An event of `fixed_axes` ends the row.
-    #[inline]
     fn move_neighbours_earlier(&mut self, slot: u32, fixed_axes: u32, ticks: u32) {
         let mut before = slot.wrapping_sub(1);
         // wcet-bound: 2048, wcet-total: neighbours
@@ -368,19 +356,16 @@ impl Slots {
     }
 
     /// Returns whether a slot has an event.
-    #[inline]
     fn is_occupied(&mut self, slot: u32) -> bool {
         *self.event_in(slot) != StepEvent::NONE
     }
 
     /// Does the same as [`Slots::move_neighbours_earlier`].
-    #[inline(never)]
     fn move_neighbours_earlier_out_of_line(&mut self, slot: u32, fixed_axes: u32, ticks: u32) {
         self.move_neighbours_earlier(slot, fixed_axes, ticks);
     }
 
     /// Returns the event of a slot, if there is one and it is of none of `fixed_axes`.
-    #[inline]
     fn movable_event(&mut self, slot: u32, fixed_axes: u32) -> Option<&mut StepEvent> {
         let event = self.event_in(slot);
         let is_fixed = event.bits() & StepEvent::new(0, fixed_axes, fixed_axes).bits() != 0;
@@ -400,7 +385,6 @@ impl Slots {
     }
 
     /// Adds the end of pulses.
-    #[inline]
     pub(super) fn add_pulse_end(&mut self, slot: u32, axes: u32) {
         self.add(slot, StepEvent::new(0, 0, axes));
     }
@@ -417,7 +401,6 @@ impl Slots {
     }
 
     /// Adds an event to a slot.
-    #[inline]
     fn add(&mut self, slot: u32, event: StepEvent) {
         let slot_event = self.event_in(slot);
         *slot_event = slot_event.merged_with(event);
@@ -432,7 +415,6 @@ impl Slots {
 
     /// Clears the bits of a word of slots but for those of `later`. Returns the bits cleared and the
     /// events of the word's slots.
-    #[inline]
     fn drain_word(
         &mut self,
         first: u32,
@@ -447,7 +429,6 @@ impl Slots {
 
     /// Moves the events of all slots before `end` to the ring, which has room for them. Times count
     /// from the start of the slot `base`.
-    #[inline(never)]
     pub(super) fn drain(
         &mut self,
         base: u32,
@@ -511,13 +492,11 @@ impl Slots {
 }
 
 /// Returns the index of the first bit that is set, from the highest.
-#[inline]
 fn first_set(bits: u32) -> Option<u32> {
     NonZeroU32::new(bits).map(NonZeroU32::leading_zeros)
 }
 
 /// Returns the bit of a slot in its word.
-#[inline]
 const fn bit(slot: u32) -> u32 {
     1 << (WORD_BITS - 1) >> (slot % WORD_BITS)
 }
