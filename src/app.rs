@@ -154,7 +154,7 @@ mod app {
         loop {
             board::watchdog::feed();
             end_round();
-            cx.local.line_level.look(requests);
+            cx.local.line_level.check(requests);
             let is_sending = cx
                 .shared
                 .serial

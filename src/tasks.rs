@@ -237,7 +237,7 @@ pub fn inputs(
 
 /// Looks at the level of the line and at the bytes that have come, so many periods of the timer of `inputs` after the
 /// last look. A part of `idle`.
-pub fn look_at_line(
+pub fn sample_line(
     is_low: bool,
     periods: u8,
     received: ByteCount<'_>,
@@ -246,8 +246,8 @@ pub fn look_at_line(
     platform: &mut impl Platform,
 ) {
     let (line, forms) = watches;
-    let has_break = line.look(is_low, periods, received.enqueued(), requests);
-    let seen = forms.look(periods, received, requests);
+    let has_break = line.sample(is_low, periods, received.enqueued(), requests);
+    let seen = forms.scan(periods, received, requests);
     if seen.has_requests {
         platform.pend(Task::Prepare);
     }

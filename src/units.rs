@@ -151,9 +151,9 @@ impl FineSteps {
         Self(self.0.wrapping_add(i64::from(parts) << 12))
     }
 
-    /// Returns the position so many steps behind.
+    /// Returns the position so many steps before.
     #[must_use]
-    pub const fn behind(self, steps: i32) -> Self {
+    pub const fn minus_steps(self, steps: i32) -> Self {
         Self(self.0.wrapping_sub((steps as i64) << 32))
     }
 

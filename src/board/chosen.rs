@@ -1,4 +1,4 @@
-//! The board that the firmware is built for, as `build.rs` makes it of the board's file, and what follows from it.
+//! The board that the firmware is built for, as `build.rs` makes it from the board's file, with derived constants.
 //!
 //! # Cost
 //!

@@ -85,8 +85,8 @@ fn is_core_clock(rcc: &pac::RCC) -> bool {
     is_exact && pll.pllsrc().is_hse()
 }
 
-/// Sets the voltage that the clock needs. It takes effect when the PLL is switched on, which must not run yet; that it
-/// is reached by the time that the PLL is ready is assumed, as the HAL leaves no place to look at `VOSRDY`.
+/// Sets the voltage that the clock needs. The voltage takes effect when the PLL is switched on, which must not run yet.
+/// The code assumes the full voltage by the time that the PLL is ready, as the HAL leaves no place to read `VOSRDY`.
 #[expect(unsafe_code, reason = "a raw word for a register")]
 fn raise_voltage(power: &pac::pwr::RegisterBlock) {
     if NEEDS_SCALE_1 {

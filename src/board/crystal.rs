@@ -53,8 +53,8 @@ pub(super) fn start(rcc: &mut Rcc) -> Result<(), SelfTestFault> {
     found
 }
 
-/// Compares what was measured with the board's file. What could not be measured is taken for right: the crystal
-/// itself says that it runs.
+/// Compares what was measured with the board's file. An unmeasured frequency is taken for right: the crystal itself
+/// reports that it runs.
 fn check(khz: Option<u32>) -> Result<(), SelfTestFault> {
     let expected_khz = WIRING.crystal_hz / 1000;
     match khz {
@@ -100,7 +100,7 @@ fn counts(timer: &pac::tim11::RegisterBlock) -> Option<u16> {
     for _ in 0..CAPTURES {
         last = capture()?;
     }
-    // One that came before the one in front of it was read is lost.
+    // A capture that came before the previous capture was read is lost.
     let is_whole = timer.sr().read().cc1of().bit_is_clear();
     is_whole.then(|| last.wrapping_sub(first))
 }

@@ -95,7 +95,7 @@ pub(super) fn stop(cause: ResetCause) -> ! {
     stop_machine(cause);
     // The baud rate is wrong without the crystal.
     if cause != ResetCause::Clock {
-        tell(format_args!("{}", cause.text()));
+        send_fault(format_args!("{}", cause.text()));
     }
     SCB::sys_reset()
 }
@@ -117,7 +117,7 @@ pub(super) fn refuse(words: &[&str]) -> ! {
 }
 
 /// Sends a message to the sender and to a debug probe.
-fn tell(what: fmt::Arguments<'_>) {
+fn send_fault(what: fmt::Arguments<'_>) {
     let _ = write!(FaultPort, "\r\n[MSG:Fault: {what}]\r\n");
     FaultPort::drain();
 }
@@ -131,8 +131,8 @@ fn panic(info: &PanicInfo) -> ! {
         let _ = writeln!(channel, "{info}");
     }
     match info.location() {
-        Some(place) => tell(format_args!("panic at {}:{}", place.file(), place.line())),
-        None => tell(format_args!("panic")),
+        Some(place) => send_fault(format_args!("panic at {}:{}", place.file(), place.line())),
+        None => send_fault(format_args!("panic")),
     }
     SCB::sys_reset()
 }

@@ -93,7 +93,8 @@ impl SettingsFlash {
         if supply::is_low() {
             return Err(FlashError::Refused);
         }
-        // A bootloader may have left it unlocked; keys that are not asked for lock it up to a reset (RM0090 3.6.1).
+        // A bootloader may have left the flash unlocked; keys that are not asked for lock it up to a reset (RM0090
+        // 3.6.1).
         if flash.cr().read().lock().bit_is_set() {
             for key in UNLOCK_KEYS {
                 flash.keyr().write(|w| w.key().set(key));

@@ -1,8 +1,8 @@
-//! RTIC as the tasks use it, without what it does around each handler.
+//! RTIC as used by the tasks, without its code around each handler.
 //!
-//! RTIC reads `BASEPRI` before a handler and writes it back after it, although each lock restores it. Here a handler is
-//! called and nothing else. The analysis of the image refuses a handler that leaves `BASEPRI` changed, or writes to it
-//! what it has not read from it.
+//! RTIC reads `BASEPRI` before a handler and writes it back after the handler, although each lock restores it. Here a
+//! handler is called and nothing else. The analysis of the image refuses a handler that leaves `BASEPRI` changed, or
+//! writes another value to the register than the value read from it.
 
 pub(crate) use rtic::*;
 

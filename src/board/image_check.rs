@@ -1,4 +1,4 @@
-//! The CRC of the image, compared at power-up with the one that a tool writes into it after linking.
+//! The CRC of the image, compared at power-up with the CRC that a tool writes into the image after linking.
 
 use core::slice;
 

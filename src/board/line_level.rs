@@ -24,7 +24,7 @@ pub(crate) struct LineLevel {
 }
 
 impl LineLevel {
-    /// Returns a watch that has not looked.
+    /// Returns a watch without samples.
     pub(crate) const fn new(received: ByteCount<'static>) -> Self {
         Self {
             watches: (BreakDetector::new(), Utf8RequestWatch::new()),
@@ -32,9 +32,9 @@ impl LineLevel {
         }
     }
 
-    /// Takes a look.
-    pub(crate) fn look(&mut self, requests: &Requests) {
-        tasks::look_at_line(
+    /// Checks the level and the new bytes.
+    pub(crate) fn check(&mut self, requests: &Requests) {
+        tasks::sample_line(
             contacts::is_line_low(),
             contacts::take_period().into(),
             self.received,

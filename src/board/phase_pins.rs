@@ -7,8 +7,8 @@
 //!
 //! # Cost
 //!
-//! The data of the step interrupt is one block of memory, which one address reaches; the table is in it because
-//! flash is slow.
+//! The data of the step interrupt is one block of memory, which a single address reaches; the table is part of the
+//! block because flash is slow.
 
 use core::{
     cell::UnsafeCell,

@@ -6,10 +6,9 @@
 //!
 //! # Cost
 //!
-//! The step interrupt neither shifts nor branches. Its data is one block of memory, which one
-//! address reaches; the words of the next event are written by two instructions and read by one,
-//! the fewest cycles for each. With six axes a table of all pairs of halves would take a third of
-//! the memory, so each half has a table of its own.
+//! The step interrupt neither shifts nor branches. Its data is one block of memory, which a single address reaches; the
+//! words of the next event are written by two instructions and read by one, the fewest cycles for each. With six axes a
+//! table of all pairs of halves would take a third of the memory, so each half has a table of its own.
 
 use core::{
     cell::UnsafeCell,

@@ -105,7 +105,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     }
 }
 
-/// Returns whether the chip says that it is one that the firmware runs on, or says nothing: RM0090 38.6.1.
+/// Returns whether the chip's identifier is of a chip that the firmware runs on, or is absent: RM0090 38.6.1.
 fn is_right_chip(debug: &pac::DBGMCU) -> bool {
     let dev_id = debug.idcode().read().dev_id().bits();
     dev_id == 0 || WIRING.dev_ids.contains(&dev_id)

@@ -3,10 +3,10 @@
 //! A bootloader jumps into the firmware without a reset, and may have left SysTick running, interrupts enabled or
 //! pending, priorities in groups, another stack or a memory protection. ARMv7-M reference manual B1.4, B3.2 to B3.5.
 //!
-//! It also sets VTOR, with interrupts off: with the feature `set-vtor` of cortex-m-rt, which sets it before, a pending
-//! interrupt would run a task that has no data yet. A DMA that still runs could write over what it fills memory with,
-//! so it resets every controller of one. A loader that jumps from within an exception is not undone: nothing but a reset
-//! ends its priority.
+//! It also sets VTOR, with interrupts off: with the feature `set-vtor` of cortex-m-rt, which sets VTOR earlier, a
+//! pending interrupt would run a task that has no data yet. A DMA that still runs could write over the initial data in
+//! memory, so every DMA controller is reset. A loader that jumps from within an exception is not undone: nothing but a
+//! reset ends its priority.
 
 #[expect(unsafe_code, reason = "runs before memory has its first values")]
 mod assembly {

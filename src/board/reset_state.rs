@@ -12,7 +12,7 @@ use super::pac::{EXTI, RCC};
 const HSI_ON: u32 = 1;
 const HSI_TRIM_CENTRE: u32 = 16 << 3;
 const PLLS_READY: u32 = 1 << 25 | 1 << 27 | 1 << 29;
-/// Those of `RCC_CIR` that take back what is pending: RM0090 7.3.4.
+/// Bits of `RCC_CIR` that clear pending flags: RM0090 7.3.4.
 const CLEAR_PENDING: u32 = 0xff << 16;
 /// `RCC_DCKCFGR`, whose TIMPRE doubles the clock of timers: RM0090 6.3.25. The PAC of the F407 does not have it, and its
 /// image also runs on the F429.

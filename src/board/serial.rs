@@ -9,10 +9,10 @@
 //! # Cost
 //!
 //! The receiving functions are inlined into `serial_rx` and into code in RAM: nothing in flash may
-//! run while flash is erased. A run without a byte, or with one that is damaged, is off the path of the
-//! others: one comparison finds both. What all paths need is read once, before they part: each line of flash
-//! more takes some of the cache from all others. The queues of the session are small and come first in its
-//! memory: short offsets reach them. The status of the port is read only while bytes wait to be sent.
+//! run while flash is erased. A run without a byte, or with a damaged byte, is off the path of the other runs: one
+//! comparison finds both. What all paths need is read once, before they part: each line of flash more takes some of the
+//! cache from all others. The queues of the session are small and come first in its memory: short offsets reach them.
+//! The status of the port is read only while bytes wait to be sent.
 
 use core::{fmt, hint::cold_path};
 
@@ -80,10 +80,9 @@ const _: () = {
     }
 };
 
-/// Takes the received byte, if there is one, and releases the task that waits for it.
+/// Takes the received byte, if any, and releases the task that waits for it.
 ///
-/// A byte that is damaged is lost, as are one that was not taken in time and the one before it: their line is
-/// refused.
+/// A damaged byte is lost, as are a byte that was not taken in time and the byte before it: their line is refused.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 fn receive(usart: &UsartRegisters, reception: &mut IncomingWriter<'_>) {

@@ -1,4 +1,4 @@
-//! The stack guard: a stack that grows too far is a fault, before it overwrites the statics below it.
+//! The stack guard: a stack that grows too far is a fault, before it overwrites the statics below.
 //!
 //! The memory protection unit forbids access to the lowest part of the stack's memory, next to the
 //! statics. It is off while a hard fault is handled, so that the handler has a stack. ARMv7-M

@@ -2,8 +2,8 @@
 //!
 //! # Cost
 //!
-//! Everything is inlined into the task that calls it; the step interrupt releases `segment_start`
-//! by a write that does nothing for most events, instead of by a branch.
+//! Everything is inlined into the calling task; the step interrupt releases `segment_start` by a write that does
+//! nothing for most events, instead of by a branch.
 
 use leadscrew::{
     stepper::{EventTap, SegmentRing, StepEvent, Upcoming},

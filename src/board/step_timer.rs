@@ -39,8 +39,8 @@ impl StepTimer {
         Self(())
     }
 
-    /// Sets the time from the next interrupt to the one after it to that of an event. Returns the
-    /// access to the other registers.
+    /// Sets the time from the next interrupt to the interrupt after it: the time of an event. Returns the access to the
+    /// other registers.
     pub(crate) fn set_reload(&mut self, event: StepEvent) -> SystemControl {
         let system = SystemControl::after(event);
         system.write(SYST_RVR, event.half_ticks_less_one());
@@ -67,8 +67,7 @@ const SYST_CSR: usize = 0x10;
 const SYST_RVR: usize = 0x14;
 const ICSR: usize = 0xd04;
 const NVIC_ISPR: usize = 0x200;
-/// Bits of `ICSR`: the number of the one that says that SysTick is pending, and the one that clears
-/// it.
+/// Bits of `ICSR`: the number of the bit that shows SysTick pending, and the bit to clear it.
 const PENDSTSET: u32 = 26;
 const PENDSTCLR: u32 = 1 << 25;
 
@@ -122,8 +121,8 @@ impl SystemControl {
     }
 }
 
-/// Sets the time from the next interrupt to the one after it to that of an event which the step
-/// interrupt did not know of.
+/// Sets the time from the next interrupt to the interrupt after it: the time of an event which the step interrupt did
+/// not know of.
 pub(crate) fn set_reload(event: StepEvent) {
     reload(registers(), event);
     // An interrupt that came before the write has run when this returns.
@@ -138,8 +137,8 @@ pub(crate) fn set_up(event: StepEvent) {
     clear_counter(timer);
 }
 
-/// Starts the timer with the time that has been set up; the time after it is that of an event. Only
-/// while the timer stands, under the lock of `StepTimerToken`.
+/// Starts the timer with the time that has been set up; the time to the interrupt after it is the time of an event.
+/// Only while the timer stands, under the lock of `StepTimerToken`.
 pub(crate) fn start(following: StepEvent) {
     let timer = registers();
     // The counter begins with the time in the reload register. Where a preempting task lets it come

@@ -1,13 +1,13 @@
 //! The watchdog of the chip, which resets it when a task does not come to its end.
 //!
-//! `idle` feeds it: it runs only when every task that was released has come to its end. So `idle`, `interpret`,
-//! `prepare` and all above them must come round. What takes long by itself, the erasing and programming of
-//! flash, feeds it in its loops. Once started, nothing but a reset stops it. It is the first that is started, so that
-//! a chip whose clocks cannot be set up is reset again and again, and moves nothing. RM0090 21.3, 21.4.
+//! `idle` feeds the watchdog: it runs only when every released task has come to its end. So `idle`, `interpret`,
+//! `prepare` and all above them must come round. What takes long by itself, the erasing and programming of flash, feeds
+//! it in its loops. Once started, nothing but a reset stops it. The watchdog is started first, so that a chip whose
+//! clocks cannot be set up is reset again and again, and moves nothing. RM0090 21.3, 21.4.
 //!
-//! `interpret` has work as long as lines wait. It does one run at a time, and waits for `idle` in between
-//! (`release.rs`): so no number of lines is taken for a task that hangs. The longest run is that of an arc in whole
-//! steps, whose areas are summed up before it begins: some 40 ms.
+//! `interpret` has work as long as lines wait. `interpret` does one run at a time, and waits for `idle` in between
+//! (`release.rs`): so no number of lines is taken for a hanging task. The longest run is that of an arc in whole steps,
+//! whose areas are summed up before it begins: some 40 ms.
 
 use super::pac;
 
@@ -20,7 +20,7 @@ const RELOAD: u16 = 1175;
 const MAX_STATUS_READS: u32 = 1_000_000;
 /// Cycles of the core between two feeds of a pause: 12 ms at most at the 16 MHz of the internal oscillator.
 const PAUSE_CYCLES: u32 = 150_000;
-/// Cycles of the core that `asm::delay` takes for each one that it is asked for.
+/// Cycles of the core that `asm::delay` takes for each requested cycle.
 const CYCLES_PER_DELAY: u32 = 3;
 
 /// Starts the watchdog, with the period of a reset or of a bootloader; it waits while a debugger has halted the
@@ -31,8 +31,8 @@ pub(crate) fn start(watchdog: &pac::IWDG, debug: &pac::DBGMCU) {
     feed();
 }
 
-/// Sets the period. A bootloader that has changed it without a slow clock that runs, as the chip's own, leaves a change that
-/// has not ended, in which the registers take nothing: RM0090 21.4.4.
+/// Sets the period. A bootloader may have changed the period while no slow clock ran, such as the bootloader in the
+/// chip's ROM. The change has not ended then, and the registers take no other value: RM0090 21.4.4.
 pub(crate) fn set_period(watchdog: &pac::IWDG) {
     let is_settled = || watchdog.sr().read().bits() == 0;
     for _ in 0..2 {

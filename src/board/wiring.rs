@@ -309,8 +309,8 @@ impl Pin {
         self.set_field(MODER, 2, 0b01);
     }
 
-    /// Makes the pin one end of a wire that whoever wants pulls low: an output that does not drive the high level,
-    /// with a pull-up.
+    /// Makes the pin an end of a wire that either side pulls low: an output that does not drive the high level, with a
+    /// pull-up.
     #[cfg(feature = "eeprom")]
     pub(super) fn make_open_drain(self) {
         self.set(true);

@@ -16,14 +16,14 @@ const BREAK_PERIODS: u8 = 40;
 /// The watch of `idle` over the level of the line.
 #[derive(Debug)]
 pub struct BreakDetector {
-    /// Periods for which the line was low at each look; at least [`BREAK_PERIODS`] in a break that has been requested.
+    /// Periods for which the line was low at each sample; at least [`BREAK_PERIODS`] in a break that has been requested.
     low: u8,
     /// [`Requests::activity`] when the count last began.
     activity: u32,
 }
 
 impl BreakDetector {
-    /// Returns a watch that has not looked.
+    /// Returns a watch without samples.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -32,9 +32,9 @@ impl BreakDetector {
         }
     }
 
-    /// Takes a look, so many periods after the last one; `received` is the number of bytes of lines so far. Requests a
+    /// Takes a sample, so many periods after the last; `received` is the number of bytes of lines so far. Requests a
     /// hold, once for each break. Returns whether it has.
-    pub fn look(
+    pub fn sample(
         &mut self,
         is_low: bool,
         periods: u8,
@@ -75,20 +75,20 @@ mod tests {
     use super::*;
 
     /// Looks at a low line until a break is requested. Returns the number of looks.
-    fn looks(line: &mut BreakDetector, requests: &Requests) -> Option<u32> {
-        (1..100).find(|_| line.look(true, 1, 0, requests))
+    fn samples_to_break(line: &mut BreakDetector, requests: &Requests) -> Option<u32> {
+        (1..100).find(|_| line.sample(true, 1, 0, requests))
     }
 
     #[test]
     fn a_line_that_is_low_for_40_periods_is_a_break_once() {
         let (mut line, requests) = (BreakDetector::new(), Requests::new());
         // However many looks there are in a period.
-        assert!((0..1000).all(|_| !line.look(true, 0, 0, &requests)));
-        assert_eq!(looks(&mut line, &requests), Some(40));
+        assert!((0..1000).all(|_| !line.sample(true, 0, 0, &requests)));
+        assert_eq!(samples_to_break(&mut line, &requests), Some(40));
         assert!(requests.take_line_break() && !requests.take_line_break());
-        assert_eq!(looks(&mut line, &requests), None);
-        assert!(!line.look(false, 1, 0, &requests));
-        assert_eq!(looks(&mut line, &requests), Some(40));
+        assert_eq!(samples_to_break(&mut line, &requests), None);
+        assert!(!line.sample(false, 1, 0, &requests));
+        assert_eq!(samples_to_break(&mut line, &requests), Some(40));
     }
 
     #[test]
@@ -96,9 +96,9 @@ mod tests {
         let (mut line, requests) = (BreakDetector::new(), Requests::new());
         for _ in 0..20 {
             for _ in 0..39 {
-                assert!(!line.look(true, 1, 0, &requests));
+                assert!(!line.sample(true, 1, 0, &requests));
             }
-            assert!(!line.look(false, 1, 0, &requests));
+            assert!(!line.sample(false, 1, 0, &requests));
         }
     }
 
@@ -116,11 +116,11 @@ mod tests {
         ];
         for come in came {
             let (mut line, requests, mut received) = (BreakDetector::new(), Requests::new(), 0);
-            for look in 0..200 {
-                if look % 40 == 0 {
+            for number in 0..200 {
+                if number % 40 == 0 {
                     come(&requests, &mut received);
                 }
-                assert!(!line.look(true, 1, received, &requests));
+                assert!(!line.sample(true, 1, received, &requests));
                 let _ = (requests.take_status(), requests.take_overrides().is_some());
             }
         }

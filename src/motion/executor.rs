@@ -5,8 +5,8 @@
 //! and how fast its end, follows from the profile: [`trapezoid`](super::trapezoid) or
 //! [`jerk_limited`](super::jerk_limited).
 //!
-//! Segments cost time to make. A section that takes 1.5 ms is one segment; of a longer one each takes
-//! 0.75 ms at least, and all but the last two 1 ms. None takes more than 1.5 ms.
+//! Segments cost time to make. A section of 1.5 ms is one segment; each segment of a longer section takes 0.75 ms at
+//! least, and all but the last two 1 ms. None takes more than 1.5 ms.
 //!
 //! # Cost
 //!
@@ -141,7 +141,7 @@ impl Executor {
         let was_over = self.may_exceed_plan;
         self.may_exceed_plan = self.speed_mm_s > 0.0;
         if was_over {
-            PassProgress::Behind
+            PassProgress::Braking
         } else {
             PassProgress::Followed
         }

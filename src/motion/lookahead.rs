@@ -272,7 +272,7 @@ impl LookAhead {
             number: 0,
             before_mm_s: 0.0,
             progress: if self.changes_speeds() {
-                PassProgress::Behind
+                PassProgress::Braking
             } else {
                 progress
             },

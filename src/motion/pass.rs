@@ -6,7 +6,7 @@ pub(in crate::motion) enum PassProgress {
     /// It is within the plan.
     Followed,
     /// It is still braking to the speeds planned.
-    Behind,
+    Braking,
 }
 
 /// The rest of a pass over the plan.

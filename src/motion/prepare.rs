@@ -7,10 +7,10 @@
 //! interrupt, which is a fault.
 //!
 //! # Cost
-//! Each run makes one segment or does one [`Job`], so that the longest of them bounds it. Segments are
-//! what most runs make: such a run reads and publishes little, and all jobs are out of line. The fields
-//! of [`Motion`] are in this order in memory: those that each run reads are near its beginning, where one
-//! instruction reaches them; the plan, which is large, comes last.
+//! Each run makes one segment or does one [`Job`], so the longest of them bounds the run. Segments are what most runs
+//! make: such a run reads and publishes little, and all jobs are out of line. The fields of [`Motion`] are in this
+//! order in memory: fields that each run reads are near its beginning, where one instruction reaches them; the plan,
+//! which is large, comes last.
 
 mod backlash;
 mod cycles;
@@ -82,7 +82,7 @@ pub struct Motion<const ROOM: usize = BLOCKS> {
     activity: Activity,
     faults: Faults,
     delays: Delays,
-    /// The limit switches that stop the machine: with `$21` all but those that end a probing move.
+    /// The limit switches that stop the machine: with `$21` all but the switches that end a probing move.
     stopping_switches: Levels,
     inputs: Levels,
     accessories: Accessories,

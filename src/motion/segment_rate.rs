@@ -1,8 +1,8 @@
 //! The segment rate: durations of blocks that `prepare` keeps up with.
 //!
-//! Segments may follow each other in 0.7 ms on average. A block with longer segments leaves *slack*,
-//! which the next blocks may use for shorter ones; tests/motion/segments.rs holds random programs to that,
-//! `docs/motion-planning.md` derives it, and `schedule.toml` counts on it.
+//! Segments may follow each other in 0.7 ms on average. A block with longer segments leaves *slack*, which the next
+//! blocks may use for shorter segments; tests/motion/segments.rs checks random programs, `docs/motion-planning.md`
+//! derives the rule, and `schedule.toml` counts on it.
 
 use crate::{
     axis::AXES,
@@ -51,7 +51,7 @@ const SAVED_SHARE: f32 = 1.0 - MEAN_SEGMENT_S / NOMINAL_SEGMENT_S;
 /// The slack of the last two segments below that of two others: they take 1.5 ms together at least.
 const SECTION_END_S: f32 = (1.0 - SAVED_SHARE) * (2.0 * NOMINAL_SEGMENT_S - LONGEST_SEGMENT_S);
 
-/// What a step adds to the shortest duration of a line that is one segment, s, at a step rate S.
+/// Duration that a step adds to the shortest duration of a line in one segment, s, at a step rate S.
 ///
 /// A line of n steps in the time T leaves S T - n steps out. It uses no slack if
 /// T / [`MEAN_SEGMENT_S`] + (S T - n) / [`STEPS_PER_SEGMENT`] is 1.
@@ -84,8 +84,8 @@ pub(super) fn min_duration_s(block: &Block, duration_per_step_s: f32) -> f32 {
 
 /// Limits the speed of a block to the segment rate; returns the speed and the slack behind the block.
 ///
-/// The slack is that at the greatest speed, the present one included, whatever the ramps are: a block
-/// that takes longer never leaves less.
+/// The slack is computed at the greater of nominal and present speed, whatever the ramps are: a block that takes longer
+/// never leaves less.
 #[inline]
 pub(super) fn limit_segment_rate(
     block: &Block,

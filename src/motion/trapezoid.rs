@@ -48,8 +48,8 @@ const MIN_ACCELERATION_SHARE: f32 = 1.0e-4;
 /// Duration of a remaining section, at the greatest speed, from which more than two segments follow
 /// the next one, s: 1 % above the bound, for rounding.
 const FAR_FROM_END_S: f32 = 1.01 * (NOMINAL_SEGMENT_S + LONGEST_SEGMENT_S);
-/// Factor on the braking distance that surely covers rounding, so that a far segment is the same as
-/// one by [`Executor::braking_profile`] (an assertion of debug builds compares them).
+/// Factor on the braking distance that surely covers rounding: a far segment equals the segment by
+/// [`Executor::braking_profile`] (an assertion of debug builds compares them).
 const BRAKING_RESERVE: f32 = 1.001;
 
 /// What is planned of a block.
@@ -277,10 +277,10 @@ impl Executor {
         };
         let (length_mm, ends_block) = self.section_length(geometry, remaining_mm, MIN_SECTION_S);
         if !ends_block {
-            let behind = geometry.measure_per_mm() * (remaining_mm - length_mm);
+            let change_after = geometry.measure_per_mm() * (remaining_mm - length_mm);
             section = MonotonicSection {
                 length_mm,
-                exit_measure: section.exit_measure + behind,
+                exit_measure: section.exit_measure + change_after,
                 ends_block,
             };
         }
@@ -401,6 +401,7 @@ impl Executor {
 
     /// The last segment of a section, with `speed_mm_s` at its end at most. From a standstill, and
     /// behind other segments of the section, it is no shorter than such segments have to be.
+    #[inline]
     fn last_profile(&self, section: &MonotonicSection, speed_mm_s: f32) -> SegmentProfile {
         let speed = self.speed_mm_s;
         let double_mm = 2.0 * section.length_mm;
@@ -429,8 +430,8 @@ impl Executor {
         about_mm_s: f32,
     ) -> SegmentProfile {
         let change = geometry.measure_per_mm() * length_mm;
-        let behind = geometry.measure_per_mm() * (section.length_mm - length_mm);
-        let mut most = math::min(measure + change, section.exit_measure + behind);
+        let change_after = geometry.measure_per_mm() * (section.length_mm - length_mm);
+        let mut most = math::min(measure + change, section.exit_measure + change_after);
         if self.may_exceed_plan {
             most = math::max(most, measure - change);
         }

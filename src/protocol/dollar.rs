@@ -180,7 +180,7 @@ fn axis_mask(letter: u8) -> Result<u8, LineError> {
         .ok_or(LineError::InvalidStatement)
 }
 
-/// Returns a text that is to be stored, if it is not too long for that.
+/// Returns a text to be stored, unless it is too long.
 fn fitting(text: &[u8]) -> Result<&[u8], LineError> {
     let is_fitting = text.len() <= STORED_LINE;
     is_fitting

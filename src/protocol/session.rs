@@ -5,13 +5,13 @@
 //! again in the next run. Read with Grbl 1.1 `protocol.c`.
 //!
 //! [`Session`] owns the order: what comes before each line (`attend_machine`), and the stage that is
-//! next (`advance`). What has a state of its own is a type that takes the rest as arguments: the line in
-//! execution ([`LineExecution`]), the path on its way to the machine ([`Path`]) and that beside it
-//! ([`CutterPath`]), what is stored ([`Persistence`]), the change of a tool ([`ToolChange`]), reports,
-//! messages to the operator, a break on the line, probing moves, the stream of positions. Eight files with
-//! an `impl Session` join them: `dispatch` and `program` begin a line, `moves` sends its commands,
-//! `persistence` stores what it changes, `reset` and `notifications` are what nobody asks for, and
-//! `dialect` does what [`SenderDialect`] says.
+//! next (`advance`). Each part with a state of its own is a type that takes the rest as arguments: the
+//! line in execution ([`LineExecution`]), the path on its way to the machine ([`Path`]), the path beside
+//! the programmed one ([`CutterPath`]), changes to be stored ([`Persistence`]), the change of a tool
+//! ([`ToolChange`]), reports, messages to the operator, a break on the line, probing moves, the stream of
+//! positions. Eight files with an `impl Session` join them: `dispatch` and `program` begin a line, `moves`
+//! sends its commands, `persistence` stores its changes, `reset` and `notifications` do what no line asks
+//! for, and `dialect` obeys [`SenderDialect`].
 //!
 //! # Cost
 //! [`Session`] is laid out in the order of its fields: those that each line needs come first.
@@ -76,8 +76,8 @@ use stage::AfterCommands;
 pub(super) use stage::LineStage;
 use tool_change::ToolChange;
 
-/// Lines that one run executes, at most: moves of one line each that fill the queue of entries. More
-/// would only keep `report` waiting, which has the same priority.
+/// Most lines that a run executes: the moves of one line each to fill the queue of entries. More would only keep
+/// `report` waiting, which has the same priority.
 const MAX_LINES: usize = ENTRY_RING;
 
 /// Whether there is more to do.

@@ -40,7 +40,7 @@ pub struct Utf8RequestWatch {
 }
 
 impl Utf8RequestWatch {
-    /// Returns a watch that has not looked.
+    /// Returns a watch that has not scanned.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -50,8 +50,8 @@ impl Utf8RequestWatch {
         }
     }
 
-    /// Takes a look, so many periods after the last one, and makes the requests that have come.
-    pub fn look(&mut self, periods: u8, received: ByteCount<'_>, requests: &Requests) -> NewBytes {
+    /// Scans the new bytes, so many periods after the last scan, and makes the requests that have come.
+    pub fn scan(&mut self, periods: u8, received: ByteCount<'_>, requests: &Requests) -> NewBytes {
         let mut seen = NewBytes::default();
         let written = received.enqueued();
         self.silent = self.silent.saturating_add(periods);

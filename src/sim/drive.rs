@@ -68,10 +68,10 @@ pub struct Drive {
     /// Whether a contact has changed since the last run of `inputs`.
     is_edge_pending: bool,
     watches: (BreakDetector, Utf8RequestWatch),
-    /// Number of bytes at the last look, and its time.
+    /// Number of bytes at the last sample of the line, and its time.
     sampled_bytes: usize,
     sampled_ticks: u64,
-    /// Time of the next look at the line while it is low, ticks.
+    /// Time of the next sample of the line while it is low, ticks.
     line_sample_due: Option<u64>,
 }
 
@@ -307,7 +307,7 @@ impl Drive {
         }
     }
 
-    /// Returns the time of the next look at the line, ticks.
+    /// Returns the time of the next sample of the line, ticks.
     #[must_use]
     pub(super) const fn line_sample_due(&self) -> Option<u64> {
         self.line_sample_due
@@ -321,8 +321,8 @@ impl Drive {
         }
     }
 
-    /// Looks at the line as `idle` does: once a millisecond while it is low, and otherwise when bytes have come.
-    pub(super) fn look_at_line(&mut self, received: ByteCount<'_>, requests: &Requests, now: u64) {
+    /// Samples the line as `idle` does: once a millisecond while it is low, and otherwise when bytes have come.
+    pub(super) fn sample_line(&mut self, received: ByteCount<'_>, requests: &Requests, now: u64) {
         let is_due = self.line_sample_due.is_some_and(|due| due <= now);
         if is_due {
             self.line_sample_due = Some(now + u64::from(TICKS_PER_MS));
@@ -333,7 +333,7 @@ impl Drive {
         (self.sampled_bytes, self.sampled_ticks) = (received.enqueued(), now);
         let is_low = self.line_sample_due.is_some();
         let (periods, watches) = (periods.min(255) as u8, &mut self.watches);
-        tasks::look_at_line(
+        tasks::sample_line(
             is_low,
             periods,
             received,

@@ -359,7 +359,7 @@ impl Simulator {
             self.drive.watch(&self.requests, self.now);
             self.drive.end_delay(self.now);
             let received = self.received.split().0.count();
-            self.drive.look_at_line(received, &self.requests, self.now);
+            self.drive.sample_line(received, &self.requests, self.now);
             if self.drive.prepare(&self.requests, self.now) {
                 self.wake();
             } else if self.is_report_released {

@@ -53,7 +53,7 @@ impl StepEvent {
         Self((ticks & all) << 13 | self.0 & !(all << 13))
     }
 
-    /// Returns an event that does what both do, one of which has no ticks.
+    /// Returns an event with the pin changes of both; one of the two has no ticks.
     #[must_use]
     pub const fn merged_with(self, other: Self) -> Self {
         Self(self.0 | other.0)

@@ -160,7 +160,7 @@ impl Generator {
 
     /// Takes steps off the position of an axis that its motor has made without it.
     pub(crate) fn move_back(&mut self, axis: usize, steps: i32) {
-        self.position[axis] = self.position[axis].behind(steps);
+        self.position[axis] = self.position[axis].minus_steps(steps);
     }
 
     /// Replaces the position by whole steps, at a standstill.
@@ -208,7 +208,7 @@ impl Generator {
         for axis in 0..AXES {
             let motion = segment.axes[axis];
             #[cfg(arc_machine)]
-            let motion = (self.arc).motion_besides(axis, self.position[axis], motion);
+            let motion = (self.arc).motion_off_arc(axis, self.position[axis], motion);
             let (mut steps, is_negative) =
                 plan_axis(self.position[axis], motion, duration, rate, latest);
             self.position[axis] = motion.to;

@@ -95,8 +95,8 @@ impl IntegerArc {
         }
         let (first, last) = (quadrant_entered(from), quadrant_left(to));
         let mut quadrants = (last + 4 - first) % 4;
-        let is_behind = product(from[0], to[1]) <= product(from[1], to[0]);
-        if quadrants == 0 && is_behind {
+        let is_past_end = product(from[0], to[1]) <= product(from[1], to[0]);
+        if quadrants == 0 && is_past_end {
             quadrants = 4;
         }
         let [u, w] = turned_back(from, first);

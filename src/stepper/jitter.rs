@@ -5,9 +5,9 @@ use crate::model::timing::EVENT_SPACING_TICKS;
 /// Bounds how far a step comes before or after its time, ticks, besides roundings; tested below.
 ///
 /// A step moves within its slot where it precedes a step of the dominant axis, shares an event or
-/// waits for the event before: a spacing at most. Near the end of a segment it first moves away from
-/// the next one; and where a step at the end of a segment has the slot, it comes in the next: either
-/// takes another spacing. A step behind a change of direction comes when the change allows.
+/// waits for the event before: a spacing at most. Near the end of a segment a step first moves away from the next
+/// segment; and where a step at the end of a segment has the slot, the other comes in the next slot: either takes
+/// another spacing. A step behind a change of direction comes when the change allows.
 pub const STEP_JITTER_TICKS: u32 = 2 * EVENT_SPACING_TICKS;
 
 #[cfg(test)]

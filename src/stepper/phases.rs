@@ -137,7 +137,7 @@ impl Phases {
     }
 }
 
-/// The phases of the motors, and those after the event that is set up: an event that is given up turns no motor.
+/// The phases of the motors, and the phases after the event that is set up: an event that is given up turns no motor.
 #[derive(Debug)]
 pub struct PhaseDrive {
     phases: Phases,

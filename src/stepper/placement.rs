@@ -20,12 +20,11 @@
 //!
 //! # Cost
 //! A step costs the same with any number of axes: 50 cycles at most by `Periodic`, 70 of the dominant
-//! axis, and 83 by `Delayed` (`docs/benchmarks.md`). Each method is a loop of its own, so short that it
-//! stays in the instruction cache beside the tasks that interrupt it most: hence `inline(always)` on what
-//! two loops are made from, and `inline(never)` on the loops. [`Cursor::schedule`] is inline so that a
-//! loop keeps the cursor in registers. Where neighbours seldom have to move, the function for it is out
-//! of line. The order of the fields of [`Slots`] in memory is fixed: the bits are where one instruction
-//! reaches them.
+//! axis, and 83 by `Delayed` (`docs/benchmarks.md`). Each method is a loop of its own, so short that it stays in the
+//! instruction cache beside the most frequent tasks: hence `inline(always)` on the parts of two loops, and
+//! `inline(never)` on the loops. [`Cursor::schedule`] is inline so that a loop keeps the cursor in registers. Where
+//! neighbours seldom have to move, the function for it is out of line. The order of the fields of [`Slots`] in memory
+//! is fixed: the bits are where one instruction reaches them.
 
 use core::num::NonZeroU32;
 

@@ -1,9 +1,9 @@
 //! Position lookup: where the axes were at any instant, from the events that had been output by then.
 //!
 //! The step interrupt counts no steps. But the ring keeps the events played last, and each segment has
-//! the position at its start; between the two are the pulses of these events. An interrupt that needs
-//! the position reads one number, [`EventTap::output_count`](super::EventTap::output_count), and
-//! `prepare` counts the pulses before it overwrites the events.
+//! the position at its start; between the two are the pulses of these events. An interrupt that needs the position
+//! reads a number, [`EventTap::output_count`](super::EventTap::output_count), and `prepare` counts the pulses before it
+//! overwrites the events.
 //!
 //! # Cost
 //! The pulses of three axes are counted in one word, and events in groups of four. The loop over groups is
@@ -258,12 +258,12 @@ mod tests {
     /// Steps of each axis in a segment, and its length.
     type Move = (Vec<i64>, u32);
 
-    fn segment(generator: &Generator, (way, ticks): &Move) -> Segment {
+    fn segment(generator: &Generator, (steps, ticks): &Move) -> Segment {
         let from = *generator.position();
         Segment {
             ticks: *ticks,
             axes: Axes::from_fn(|axis| AxisMotion {
-                to: FineSteps(from[axis].0 + (way[axis % way.len()] << 32)),
+                to: FineSteps(from[axis].0 + (steps[axis % steps.len()] << 32)),
                 acceleration: 0.0,
             }),
             feed_mm_min: 0.0,

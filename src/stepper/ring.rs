@@ -1,4 +1,4 @@
-//! The ring of step events: lock-free, one writer, one reader, one word per event.
+//! The ring of step events: lock-free, a single writer, a single reader, one word per event.
 //!
 //! The step timer knows in advance when the event comes that follows the one which is set up. So the
 //! reader is two events ahead of the pins:
@@ -8,8 +8,8 @@
 //! …  output-2  output-1 │ output │ output+1 = `following` │ output+2 …  written-1 │ written
 //! ```
 //!
-//! The word behind the last event is no event. It becomes one when the writer has stored the word
-//! behind it, so the step interrupt knows from the word itself that there is an event.
+//! The word behind the last event is no event. It becomes an event when the writer has stored the word behind it, so
+//! the step interrupt knows from the word itself whether there is an event.
 //!
 //! # Cost
 //! Two events pass through the ring for every step: hence words instead of any type, a constant
@@ -146,9 +146,9 @@ impl<'a> EventWriter<'a> {
         Some(Upcoming { event, following })
     }
 
-    /// Returns the event that the step interrupt does not know of, as it has been pushed behind an
-    /// event that was the last when it was set up. To be called once after events have been pushed;
-    /// the event is for the step timer and, after that, for [`EventWriter::append`].
+    /// Returns the event unknown to the step interrupt: it has been pushed behind an event that was the last when set
+    /// up. To be called once after events have been pushed; the event is for the step timer and, after that, for
+    /// [`EventWriter::append`].
     #[must_use]
     pub fn appended_late(&self, segments: &SegmentRing) -> Option<StepEvent> {
         if self.ring.following() != StepEvent::NONE || !segments.is_running() {
@@ -225,15 +225,15 @@ impl EventBatch<'_> {
 
     /// Pushes an event, for the reader to see; there must be room.
     pub(super) fn push(&mut self, event: StepEvent) {
-        let behind = self.number.wrapping_add(1);
+        let following = self.number.wrapping_add(1);
         self.ring
-            .word(behind)
+            .word(following)
             .store(StepEvent::NONE.bits(), Relaxed);
         self.commit(event);
-        self.number = behind;
+        self.number = following;
     }
 
-    /// Pushes an event behind one that is reserved: the reader does not see it yet.
+    /// Pushes an event behind a reserved event: the reader does not see it yet.
     pub(super) fn push_uncommitted(&mut self, event: StepEvent) {
         self.ring.word(self.number).store(event.bits(), Relaxed);
         self.number = self.number.wrapping_add(1);
@@ -276,7 +276,7 @@ pub struct Upcoming {
     pub following: StepEvent,
 }
 
-/// The view that `inputs`, `segment_start` and `interpret` have of a ring: what has been counted of it.
+/// The view that `inputs`, `segment_start` and `interpret` have of a ring: its counts.
 #[derive(Debug, Clone, Copy)]
 pub struct EventTap<'a> {
     ring: &'a EventRing,
@@ -327,8 +327,8 @@ pub struct EventReader<'a> {
 
 impl EventReader<'_> {
     /// Counts the event that was set up as output, and returns what is to be set up next; `None`
-    /// after the last event. An event that is pushed behind the last one after that has been set up
-    /// comes too late, but for [`EventWriter::append`].
+    /// after the last event. An event that is pushed behind the last event, after the last was set up, comes too late,
+    /// but for [`EventWriter::append`].
     pub fn advance(&mut self) -> Option<Upcoming> {
         let ring = self.ring;
         let set_up = ring.output_count.load(Relaxed).wrapping_add(1);

@@ -1,4 +1,4 @@
-//! A segment of motion: what `prepare` passes on to the step times, and what is known of it later.
+//! A segment of motion: the data from `prepare` for the step times, and the data kept for later.
 
 use crate::{
     axis::{AXES, Axes},

@@ -54,8 +54,8 @@ const ENTRIES: usize = 2 * SEGMENT_RING;
 
 /// The segments that the step interrupt plays.
 ///
-/// `prepare` writes what is pushed, `segment_start` what has begun and underruns, and the tasks that
-/// start or stop the step timer write `running`.
+/// `prepare` writes the pushed segments, `segment_start` the begun ones and underruns, and the tasks that start or stop
+/// the step timer write `running`.
 #[derive(Debug)]
 pub struct SegmentRing {
     entries: [RingEntry; ENTRIES],
@@ -279,7 +279,7 @@ impl SegmentRing {
         self.played().line.load(Relaxed)
     }
 
-    /// Takes the duty off all segments, also those that wait, or gives it back; for `prepare` alone.
+    /// Takes the duty off all segments, also waiting ones, or gives it back; for `prepare` alone.
     pub(crate) fn inhibit_spindle(&self, is_inhibited: bool) {
         let mask = if is_inhibited {
             (1 << DUTY_SHIFT) - 1

@@ -5,9 +5,9 @@
 //! speed along the arc is the block's, whichever way a step leads. The last steps, straight to the end, count
 //! with the radius: one takes as long as a step along an axis.
 //!
-//! Two steps of one axis behind each other come closer than steps along that axis would, by up to a third: the
-//! second waits until it is as far as that, and what it delays comes behind it. The path is as much longer at
-//! the end of it as a last step has waited.
+//! Two consecutive steps of an axis come closer than steps along this axis would, by up to a third: the second waits
+//! until the distance is full, and the steps delayed by it follow. The path is as much longer at the end of it as a
+//! last step has waited.
 //!
 //! A block has the ends of the arc, [`StepArc`]. Where the machine is on it, [`ArcProgress`], is in one place: the
 //! generator goes on from there, by the [`ArcSteps`] of each segment.
@@ -83,7 +83,7 @@ pub struct ArcSteps {
 /// A step of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ArcStep {
-    /// The axis, one of those that there are.
+    /// The axis, below the number of axes.
     pub axis: usize,
     /// The direction.
     pub is_negative: bool,

@@ -1,8 +1,7 @@
 //! The steps of one axis within a segment: how many, and when.
 //!
-//! q(τ) = vτ + aτ²/2 in steps, and step k falls where q crosses half-way to it. At a constant
-//! rate each time is a period after the one before; otherwise it is solved for, so that every step
-//! costs the same.
+//! q(τ) = vτ + aτ²/2 in steps, and step k falls where q crosses half-distance to it. At a constant rate each time is a
+//! period after the previous time; otherwise it is solved for, so that every step costs the same.
 
 use crate::{
     math,
@@ -14,7 +13,7 @@ use crate::{
 /// fit the word. A thousand periods, each rounded down, are off by a sixteenth of a tick at most.
 pub(super) const TIME_FRACTION_BITS: u32 = 14;
 /// Bounds the error of the times of steps that are taken to come at a constant rate, ticks: an eighth
-/// of what `steps_come_within_two_ticks_or_two_millionths_of_their_way` allows.
+/// of what `steps_come_within_two_ticks_or_two_millionths_of_their_distance` allows.
 const PERIODIC_ERROR_TICKS: f32 = 0.25;
 /// Bounds the mean period from above, steps per tick: far below one step in the longest segment.
 const MIN_RATE: f32 = 1.0e-12;
@@ -186,7 +185,7 @@ mod tests {
     use super::*;
     use crate::units::TICKS_PER_SECOND;
 
-    /// What the roundings of single precision may take a step off its place, of its way.
+    /// What the roundings of single precision may take a step off its place, of its distance.
     const SINGLE_PRECISION: f64 = 2.0e-6;
 
     /// A step of an axis that speeds up or slows down evenly.
@@ -196,7 +195,7 @@ mod tests {
         exact: f64,
         /// How far the axis has come at `time` by the exact parabola, and how far it should, steps.
         reached: f64,
-        way: f64,
+        distance: f64,
     }
 
     /// Times of the steps of such an axis, beside the exact ones.
@@ -216,14 +215,16 @@ mod tests {
             plan_axis(from, motion, ticks as f32, 1.0 / ticks as f32, ticks as u32);
         let mut all = Vec::new();
         while steps.remaining != 0 {
-            let way = all.len() as f64 + 0.5 - offset;
-            let root = (begin * begin + 2.0 * acceleration * way).max(0.0).sqrt();
+            let distance = all.len() as f64 + 0.5 - offset;
+            let root = (begin * begin + 2.0 * acceleration * distance)
+                .max(0.0)
+                .sqrt();
             let time = f64::from(steps.next_ticks);
             all.push(Step {
                 time: steps.next_ticks,
-                exact: (2.0 * way / (begin + root)).min(ticks),
+                exact: (2.0 * distance / (begin + root)).min(ticks),
                 reached: begin * time + 0.5 * acceleration * time * time,
-                way,
+                distance,
             });
             if steps.is_periodic() {
                 steps.advance_periodic();
@@ -238,7 +239,7 @@ mod tests {
         #![proptest_config(crate::cases(64))]
 
         #[test]
-        fn steps_come_within_two_ticks_or_two_millionths_of_their_way(
+        fn steps_come_within_two_ticks_or_two_millionths_of_their_distance(
             begin_hz in prop_oneof![Just(0.0), 10.0..3000.0_f64, 3000.0..150_000.0],
             ratio in prop_oneof![Just(0.0), 0.01..0.9_f64, 0.9..1.1, 1.1..20.0],
             milliseconds in 0.05..1.5_f64,
@@ -248,10 +249,10 @@ mod tests {
             for step in times(begin_hz, end_hz.min(150_000.0), milliseconds, offset) {
                 // Where the axis nearly stands, no arithmetic can tell the time of a place to a tick.
                 let late = (f64::from(step.time) - step.exact).abs();
-                let far = (step.reached - step.way).abs();
+                let far = (step.reached - step.distance).abs();
                 prop_assert!(
-                    late < 2.0 || far < step.way * SINGLE_PRECISION,
-                    "{late} ticks at {}, {far} of {} steps", step.exact, step.way,
+                    late < 2.0 || far < step.distance * SINGLE_PRECISION,
+                    "{late} ticks at {}, {far} of {} steps", step.exact, step.distance,
                 );
             }
         }

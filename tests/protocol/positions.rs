@@ -23,7 +23,7 @@ fn assert_one_position(machine: &Machine, what: &str) {
     let session = machine.session();
     assert_eq!(session.path_end(), machine.exact_position(), "{what}");
     let interpreter = session.interpreter();
-    if interpreter.is_compensating() || interpreter.is_beside_path() {
+    if interpreter.is_compensating() || interpreter.is_off_path() {
         return;
     }
     let (programmed, counted) = (interpreter.position(), machine.snapshot().steps);

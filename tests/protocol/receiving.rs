@@ -31,14 +31,14 @@ impl Line {
         self.received.split().1.dequeue()
     }
 
-    /// Receives bytes, and has `idle` look, silence of so many ms before. Returns whether it has made a request.
-    fn look(&mut self, bytes: &[u8], silence_ms: u8, forms: &mut Utf8RequestWatch) -> bool {
+    /// Receives bytes, and has `idle` scan them, silence of so many ms before. Returns whether it has made a request.
+    fn scan(&mut self, bytes: &[u8], silence_ms: u8, forms: &mut Utf8RequestWatch) -> bool {
         for byte in bytes {
             self.receive(*byte);
         }
         let received = self.received.split().0.count();
         forms
-            .look(silence_ms, received, &self.requests)
+            .scan(silence_ms, received, &self.requests)
             .has_requests
     }
 }
@@ -86,7 +86,7 @@ fn no_character_is_a_request_and_a_byte_behind_it_is() {
     let (mut asked, mut forms) = (line.requests.count(), Utf8RequestWatch::new());
     for character in '\u{a0}'..=char::MAX {
         let text = std::format!("({character}");
-        assert!(!line.look(text.as_bytes(), 0, &mut forms), "{character}");
+        assert!(!line.scan(text.as_bytes(), 0, &mut forms), "{character}");
         assert!(!has_asked(&line.requests, &mut asked), "{character}");
         for byte in text.bytes() {
             assert_eq!(line.take(), Some(byte), "{character}");
@@ -153,12 +153,12 @@ fn realtime_bytes_in_utf_8_are_requests_where_no_text_can_be() {
         for byte in 0x80..=0xbf {
             let mut line = Line::new(Awaited::NONE);
             let (mut asked, mut forms) = (line.requests.count(), Utf8RequestWatch::new());
-            line.look(before, 0, &mut forms);
+            line.scan(before, 0, &mut forms);
             has_asked(&line.requests, &mut asked);
-            assert!(!line.look(&[], silence_ms, &mut forms));
+            assert!(!line.scan(&[], silence_ms, &mut forms));
             // The look may also come between the two.
             let is_utf8_request =
-                line.look(&[0xc2], 0, &mut forms) | line.look(&[byte], 0, &mut forms);
+                line.scan(&[0xc2], 0, &mut forms) | line.scan(&[byte], 0, &mut forms);
             assert_eq!(
                 is_utf8_request,
                 requests.contains(&byte),
@@ -177,11 +177,11 @@ fn realtime_bytes_in_utf_8_are_requests_where_no_text_can_be() {
 fn of_realtime_bytes_in_utf_8_each_is_a_request_once() {
     let mut line = Line::new(Awaited::NONE);
     let mut forms = Utf8RequestWatch::new();
-    line.look("\u{91}\u{91}\u{84}\u{92}".as_bytes(), 0, &mut forms);
+    line.scan("\u{91}\u{91}\u{84}\u{92}".as_bytes(), 0, &mut forms);
     let mut taken = Vec::new();
     for _ in 0..4 {
         taken.extend(line.requests.take_overrides().into_iter().flatten());
-        line.look(&[], 0, &mut forms);
+        line.scan(&[], 0, &mut forms);
     }
     assert_eq!(taken, [0x91, 0x91, 0x92]);
     assert!(line.requests.take_door() && !line.requests.take_door());
@@ -196,7 +196,7 @@ fn text_releases_the_interpreter_in_time() {
         assert_eq!(line.receive(byte), Release::Nobody);
     }
     let received = line.received.split().0.count();
-    let seen = forms.look(0, received, &line.requests);
+    let seen = forms.scan(0, received, &line.requests);
     assert!(seen.has_text && !seen.has_requests);
     assert!(line.received.split().1.may_have_line());
 }

@@ -1,4 +1,5 @@
-//! What `prepare` drives beside the steps: outputs that are recorded, and delays that the stand-in for the timers counts.
+//! The actuators that `prepare` drives beside the steps: recorded outputs, and delays counted by the stand-in for the
+//! timers.
 
 use leadscrew::{
     model::Outputs,

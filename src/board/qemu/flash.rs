@@ -1,8 +1,8 @@
 //! The flash of the journal as memory: the emulator's own flash cannot be written.
 //!
 //! The memory is RAM that nothing initialises: it keeps its contents through a reset, and is zero at
-//! power-up. The bits are inverted, so that zero means erased. It is RAM of the program, because no two
-//! versions of QEMU agree on what is beside the 128 KiB that the chip has.
+//! power-up. The bits are inverted, so that zero means erased. It is RAM of the program, because no two versions of
+//! QEMU agree on the memory beside the 128 KiB of the chip.
 
 use core::{cell::UnsafeCell, convert::Infallible, mem::MaybeUninit};
 

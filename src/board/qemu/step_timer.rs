@@ -16,7 +16,8 @@ pub(super) fn set_up(event: StepEvent) {
     qemu::count(event.ticks());
 }
 
-/// Lets the stand-in interrupt at the time that has been set up; the time after it is that of an event.
+/// Lets the stand-in interrupt at the time that has been set up; the time to the interrupt after it is the time of an
+/// event.
 #[expect(unsafe_code, reason = "the interrupt owns the timer")]
 pub(super) fn start(following: StepEvent) {
     set_reload(following);

@@ -1,4 +1,4 @@
-//! A line that has been checked, and what it asks of the machine.
+//! A line that has been checked, and the requested actions of the machine.
 
 use core::num::NonZeroU8;
 

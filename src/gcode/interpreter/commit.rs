@@ -70,7 +70,7 @@ pub(super) fn commit(state: &mut Interpreter, checked: &CheckedLine, outcome: &m
     state.update_plain_modes();
 }
 
-/// Returns the message that a line begins with: of the dwell of a cycle, where it is another one.
+/// Returns the message that a line begins with: of the dwell of a cycle, where the dwell is new.
 fn message(state: &Interpreter, checked: &CheckedLine) -> Option<Message> {
     let long_dwell = match &checked.movement {
         Move::Cycle(words) => {
@@ -250,7 +250,7 @@ fn end_line(state: &mut Interpreter, flow: Flow, outcome: &mut LineCommands) {
         Flow::Run | Flow::OptionalPause => {}
         Flow::Pause => outcome.add(Command::Pause),
         Flow::End => {
-            // Every mode, so that a new one is reset or named here as one that stays.
+            // Every mode, so that a new mode has to be reset or named here as lasting.
             let Modal {
                 motion,
                 feed_mode,

@@ -21,7 +21,7 @@ pub(super) struct Compensation {
     cutter: Cutter,
     stage: CompensationStage,
     /// The cutter is beside the programmed path. Without compensation a straight move ends that.
-    is_beside: bool,
+    is_off_path: bool,
 }
 
 /// How far compensation has come.
@@ -63,7 +63,7 @@ impl Compensation {
 
     /// Whether moves are those of the program.
     pub(super) const fn is_without_effect(&self) -> bool {
-        !self.is_on() && !self.is_beside
+        !self.is_on() && !self.is_off_path
     }
 
     /// Goes on by a move of the program.
@@ -71,9 +71,9 @@ impl Compensation {
         if self.stage == CompensationStage::Following {
             return;
         }
-        self.is_beside =
+        self.is_off_path =
             self.stage == CompensationStage::Entering && is_in_plane && self.cutter.radius_mm > 0.0;
-        if self.is_beside {
+        if self.is_off_path {
             self.stage = CompensationStage::Following;
         }
     }
@@ -108,7 +108,7 @@ pub(super) fn set(
         checked.compensation = Compensation {
             cutter: cutter(state, parsed, unused, checked)?,
             stage: CompensationStage::Entering,
-            is_beside: before.is_beside,
+            is_off_path: before.is_off_path,
         };
     } else if parsed.has_compensation() {
         checked.compensation.stage = CompensationStage::Off;
@@ -211,9 +211,9 @@ pub(super) fn check_line(checked: &CheckedLine) -> Result<(), LineError> {
     if compensation.is_on() && sets_active {
         return Err(LineError::NotWithCompensation);
     }
-    let is_left_beside =
-        compensation.is_beside && compensation.stage != CompensationStage::Following;
-    if is_left_beside && matches!(checked.movement, Move::Arc(_)) {
+    let is_left_off_path =
+        compensation.is_off_path && compensation.stage != CompensationStage::Following;
+    if is_left_off_path && matches!(checked.movement, Move::Arc(_)) {
         return Err(LineError::ArcAfterCompensation);
     }
     Ok(())
@@ -252,8 +252,8 @@ impl CheckedLine {
 
     /// Whether the cutter stays beside the programmed path, where compensation has left it.
     #[must_use]
-    pub fn stays_beside_path(&self) -> bool {
-        self.compensation.is_beside && !self.moves()
+    pub fn stays_off_path(&self) -> bool {
+        self.compensation.is_off_path && !self.moves()
     }
 
     /// Whether the line's commands may wait behind a move, and the line be answered before that.
@@ -318,8 +318,8 @@ impl Interpreter {
 
     /// Whether the cutter is beside the programmed path.
     #[must_use]
-    pub const fn is_beside_path(&self) -> bool {
-        self.compensation.is_beside
+    pub const fn is_off_path(&self) -> bool {
+        self.compensation.is_off_path
     }
 
     /// Checks a jog that begins where the cutter is, beside the programmed path: compensation ends there,
@@ -327,7 +327,7 @@ impl Interpreter {
     ///
     /// # Errors
     /// As [`Self::check_jog`].
-    pub fn check_jog_beside_path(
+    pub fn check_jog_off_path(
         &mut self,
         line: &[u8],
         settings: &Settings,

@@ -14,7 +14,8 @@ use crate::{
     units::Nm,
 };
 
-/// Returns the words of a line that drills, with those before it where it leaves them out; removes them.
+/// Returns the words of a line that drills, with earlier words where the line leaves them out; removes the words from
+/// the unused ones.
 ///
 /// # Errors
 /// 4, 19, 23, 24, 28, 39, 41, 54 and 208.
@@ -87,7 +88,7 @@ pub(super) fn words(
     Ok(words)
 }
 
-/// Returns the letter of the first word that a line with a cycle lacks, if it lacks one.
+/// Returns the letter of the first missing word of a line with a cycle, if any.
 pub(super) fn missing_letter(state: &Interpreter, parsed: &ParsedLine) -> Option<u8> {
     let MotionMode::Cycle(cycle) = parsed.modal.motion else {
         return None;

@@ -72,8 +72,8 @@ impl Interpreter {
         self.home.axes & ALL == ALL
     }
 
-    /// The position of `G28` or `G30`. Where none has been stored, it is that where the axes have been homed, but for a
-    /// Z that is homed below: machine zero is the switch, or the far end of the travel.
+    /// The position of `G28` or `G30`. Without a stored position it is the position where the axes have been homed, but
+    /// for a Z homed downwards: machine zero is the switch, or the far end of the travel.
     pub(super) fn stored(&self, reference: StoredPosition) -> Axes<Nm> {
         let stored = self.offsets.stored(reference);
         if stored == Axes::all(Nm(0)) {
@@ -95,12 +95,12 @@ pub(super) fn before_switch(
     let (Some(home), Some([lowest, highest])) = (state.home.of(axis), settings.travel(axis)) else {
         return target;
     };
-    let is_behind = if settings.homes_downwards(axis) {
+    let is_beyond = if settings.homes_downwards(axis) {
         lowest <= target && target < home
     } else {
         home < target && target <= highest
     };
-    if settings.hard_limits && is_behind {
+    if settings.hard_limits && is_beyond {
         home
     } else {
         target

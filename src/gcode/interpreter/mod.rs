@@ -174,7 +174,7 @@ impl Interpreter {
         check::check(self, prefix, line, LineKind::Program, settings)
     }
 
-    /// Returns what a line lacks that [`Self::check_after`] has refused, if that can be said.
+    /// Returns what is missing in a line that [`Self::check_after`] has refused, if known.
     #[must_use]
     pub fn hint(
         &self,

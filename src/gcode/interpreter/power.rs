@@ -1,8 +1,8 @@
 //! What a line does to the spindle, and to the laser where the spindle is one.
 //!
-//! A spindle is switched at standstill. While it turns, a new `S` changes its speed in the order of the program
-//! without one, unless `$776` wants it. In laser mode the power goes along with the moves: a new `S` in a line that
-//! moves needs no standstill, and moves that must not burn (`G0`, probing) have none. Read with Grbl 1.1
+//! A spindle is switched at standstill. While it turns, a new `S` changes its speed in the order of the program without
+//! a stop, unless `$776` asks for one. In laser mode the power goes along with the moves: a new `S` in a line that
+//! moves needs no standstill, and moves that must not burn (`G0`, probing) have no power. Read with Grbl 1.1
 //! `laser_mode.md`.
 
 use super::{Action, CheckedLine, Interpreter};

@@ -7,8 +7,8 @@ use crate::{
     units::{Nm, StepsPerMm},
 };
 
-/// The distance from zero that every axis reaches, that of the finest resolution: a position within it
-/// needs no division.
+/// The distance from zero that every axis reaches, at the finest resolution: a position within this distance needs no
+/// division.
 const MIN_REACH: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
     Some(finest) => finest.farthest(),
     None => Nm(0),

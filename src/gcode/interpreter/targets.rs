@@ -114,8 +114,8 @@ pub(super) fn origin_with(
     moved_origin(origin, frame, &moved)
 }
 
-/// `G38.n P`: the work coordinate that the contact is to get, of the one axis that the move names. A `P` of
-/// another command of the line is not for the probe.
+/// `G38.n P`: the work coordinate that the contact is to get, of the only axis in the move. A `P` of another command of
+/// the line is not for the probe.
 ///
 /// # Errors
 /// 33 where the origin would be too far.

@@ -206,8 +206,8 @@ impl Interpreter {
     /// entry. Without any text there is none; nor is there a slot, if the table has no such tool.
     ///
     /// # Errors
-    /// 1 and 2 for text that has no words; 20 for other words; 25 for a word that is given twice; 33 for
-    /// lengths that an axis cannot count; 39 for the number of another tool; 206 when the table is full.
+    /// 1 and 2 for text without words; 20 for other words; 25 for a word given twice; 33 for lengths that an axis
+    /// cannot count; 39 for the number of another tool; 206 when the table is full.
     pub fn read_tool(
         &self,
         number: NonZeroU8,

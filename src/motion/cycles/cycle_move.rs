@@ -148,7 +148,7 @@ impl CycleMove {
 
     /// Has the move, as far as it is left, end so many steps of an axis farther back.
     pub(in crate::motion) fn move_back(&mut self, axis: usize, steps: i32) {
-        self.executor.start[axis] = self.executor.start[axis].behind(steps);
+        self.executor.start[axis] = self.executor.start[axis].minus_steps(steps);
     }
 
     /// Ends the move: at standstill, or for axes that go on by themselves.

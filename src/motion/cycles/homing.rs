@@ -44,8 +44,8 @@ use crate::{
 /// How far a switch is searched, in travels, and located, in pull-offs, as in Grbl.
 const SEARCH_TRAVELS: f32 = 1.5;
 const LOCATE_PULL_OFFS: f32 = 5.0;
-/// Time from the last segment of a motion to when it has been played and the switches have been
-/// seen: what is prepared ahead, the segment that is made meanwhile, and the filter.
+/// Time from the last segment of a motion to the end of its playing and the reading of the switches: the motion
+/// prepared ahead, the segment made meanwhile, and the filter.
 const LATENCY_TICKS: u32 = QUEUED_AHEAD_TICKS + 4 * SEGMENT_TICKS;
 /// The axes that a cycle homes unless others are named: rotary axes have a switch only sometimes.
 const LINEAR_AXES: u8 = 0b111;
@@ -102,7 +102,7 @@ impl HomingStage {
 pub struct Homing {
     parameters: HomingParameters,
     cycle_move: CycleMove,
-    /// The axes that are homed now, and those that follow, bit 0 = X.
+    /// The axes that are homed now, and the axes that follow, bit 0 = X.
     current_axes: u8,
     later_axes: u8,
     /// The axes that are at home where they stand, bit 0 = X.

@@ -1,9 +1,8 @@
 //! Probing: a move that a change of the probe ends, or a limit switch.
 //!
 //! The `inputs` interrupt latches the moment of the change, which becomes a position here, and the filter
-//! confirms it meanwhile: the machine goes on after a spike. A limit switch counts once the filter agrees; one
-//! that is closed already ends the move where it begins. Read with
-//! Grbl 1.1 `motion_control.c`, `mc_probe_cycle`.
+//! confirms it meanwhile: the machine goes on after a spike. A limit switch counts once the filter agrees; a switch
+//! closed already ends the move where it begins. Read with Grbl 1.1 `motion_control.c`, `mc_probe_cycle`.
 
 use crate::{
     axis::{AXES, Axes},
@@ -116,7 +115,7 @@ impl ProbingCycle {
         self.contact = None;
     }
 
-    /// Returns what the move has come to at rest; `is_done` tells that nothing of it is left.
+    /// Returns the result of the move at rest; `is_done` tells that nothing of it is left.
     pub(crate) fn at_rest(&mut self, is_done: bool, inputs: &Inputs) -> ProbingState {
         let is_confirmed = self.awaits_a_switch() || inputs.is_probe_confirmed();
         match self.contact {

@@ -1,10 +1,10 @@
 //! Junction limits: how fast a junction of two blocks may be passed with continuous acceleration.
 //!
 //! The limits are those of the *reference*: a motion with accelerations of -a, 0 and +a, whose mean
-//! over the averaging window is the machine's. For the mean to keep a limit at one point, the reference
-//! keeps it within the *influence distance* on both sides: half of the window's length at that speed.
-//! For the jerk, the reference never brakes sooner than a window after it has accelerated. A sample is
-//! added to either, as the point, or the change, may lie anywhere in one.
+//! over the averaging window is the machine's. For the mean to keep a limit at a point, the reference keeps it within
+//! the *influence distance* on both sides: half of the window's length at that speed. For the jerk, the reference never
+//! brakes sooner than a window after it has accelerated. A sample is added to either, as the point, or the change, may
+//! lie anywhere in one.
 
 use crate::{
     math,
@@ -50,7 +50,7 @@ impl BlockLimits {
     }
 
     /// The limits behind blocks whose least acceleration holds for an influence distance.
-    pub(in crate::motion) fn behind(mut self, least: &RunningMin, influence_mm: f32) -> Self {
+    pub(in crate::motion) fn after(mut self, least: &RunningMin, influence_mm: f32) -> Self {
         let low = least.mm_s2();
         if low < self.acceleration_mm_s2 {
             if self.length_mm < LONG_BLOCK_INFLUENCES * influence_mm {
@@ -136,12 +136,12 @@ pub(in crate::motion) struct JunctionLimit {
     free_mm_s: f32,
     /// Distance before the junction in which that does not change, mm.
     free_flat_mm: f32,
-    /// A greater speed that is not exceeded within `cap_mm` before, mm/s; it may brake down to it there.
+    /// A greater speed that is not exceeded within `cap_mm` before, mm/s; the reference may brake down to it there.
     cap_mm_s: f32,
     /// Distance before the junction in which `cap_mm_s` holds, mm.
     cap_mm: f32,
     /// Accelerations behind the junction.
-    behind: RunningMin,
+    beyond: RunningMin,
     /// Influence distance before the junction, in which those hold too, mm.
     influence_mm: f32,
     /// Accelerations with which the reference brakes behind the junction.
@@ -166,7 +166,7 @@ impl JunctionLimit {
         free_flat_mm: 0.0,
         cap_mm_s: NO_SPEED_LIMIT_MM_S,
         cap_mm: 0.0,
-        behind: RunningMin::NONE,
+        beyond: RunningMin::NONE,
         influence_mm: 0.0,
         braking: RunningMin::NONE,
     };
@@ -208,7 +208,7 @@ impl JunctionLimit {
             free_flat_mm: math::max(free_flat - limits.length_mm, 0.0),
             cap_mm_s: self.cap_mm_s,
             cap_mm: capped - limits.length_mm,
-            behind: self.behind.after(limits, 2.0 * self.influence_mm),
+            beyond: self.beyond.after(limits, 2.0 * self.influence_mm),
             influence_mm,
             braking: self.braking.after(
                 &BlockLimits {
@@ -232,7 +232,7 @@ impl JunctionLimit {
 
     /// The motion in the block before the junction.
     fn incoming_motion(&self, limits: &BlockLimits) -> IncomingMotion {
-        let least = self.behind.mm_s2();
+        let least = self.beyond.mm_s2();
         if limits.acceleration_mm_s2 <= least {
             IncomingMotion {
                 acceleration_mm_s2: limits.acceleration_mm_s2,
@@ -311,7 +311,7 @@ impl JunctionLimit {
             incoming.acceleration_mm_s2,
         );
         if distance_mm < incoming.flat_mm {
-            math::min(here, self.behind.mm_s2())
+            math::min(here, self.beyond.mm_s2())
         } else {
             here
         }

@@ -116,7 +116,7 @@ impl Plan {
         let sample = self
             .reference
             .next_sample(queue, stops, leaving, self.window_s);
-        // From a standstill it does not come to the end of a block, so it enters one at most.
+        // From a standstill the reference does not come to the end of a block, so it enters one at most.
         let number = self.reference.number();
         if number != before {
             self.enter_block(queue, number);
@@ -138,9 +138,8 @@ impl Plan {
     ///
     /// `ahead_mm` is how far ahead of the reference a block that is not new begins. The reference may
     /// have gone on by some samples since: the second window of the braking distance covers them.
-    /// Accelerations of such a block only become lower, because blocks before it that have been
-    /// removed, and earlier speeds, may still limit it. Its corner speed does not rise where the reference
-    /// may already brake for it.
+    /// Accelerations of such a block only become lower: removed blocks before it, and earlier speeds, may still limit
+    /// it. Its corner speed does not rise where the reference may already brake for it.
     fn plan_block(&mut self, queue: &mut BlockQueue, number: usize, ahead_mm: Option<f32>) {
         if number == 0 {
             self.running_min = RunningMin::NONE;
@@ -183,7 +182,7 @@ impl Plan {
                     ..before
                 };
                 self.running_min = self.running_min.after(&own, influence_mm);
-                limits = limits.behind(&self.running_min, influence_mm);
+                limits = limits.after(&self.running_min, influence_mm);
             }
         }
         queue.get_mut(number).jerk_limited = BlockPlan {

@@ -32,8 +32,8 @@ impl Executor {
         segment: &mut Segment,
     ) -> NextSegment {
         let moves = !average.is_at_standstill() || reference.is_moving();
-        let is_behind = goal == Goal::Run && reference.has_left_oldest();
-        let Some(block) = queue.current().filter(|_| moves || is_behind) else {
+        let is_lagging = goal == Goal::Run && reference.has_left_oldest();
+        let Some(block) = queue.current().filter(|_| moves || is_lagging) else {
             average.reset();
             self.speed_mm_s = 0.0;
             self.average_moves = false;

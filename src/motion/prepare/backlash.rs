@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Before an axis moves in another direction, its motor takes up the backlash, in a move of its own. The generator's
-//! position is that of the axes: what motors move without them is taken off it, segment by segment. Before homing, an
+//! position is the axes' position: motor travel without the axes is taken off, segment by segment. Before homing, an
 //! axis counts as moved last as by its pull-off, as in grblHAL.
 
 use super::{Activity, Motion};

@@ -132,9 +132,9 @@ impl Motion {
         self.published.outputs_changed = true;
     }
 
-    /// Begins the time of a spindle that has been switched on or turns the other way, and ends that of one which
-    /// has been switched off. Called in each standstill, and before each motion from it: one of both follows at once
-    /// whatever switches the spindle.
+    /// Begins the time of a spindle that has been switched on or turns the other way, and ends the time of a spindle
+    /// which has been switched off. Called in each standstill, and before each motion from it: either call follows at
+    /// once, whatever switches the spindle.
     #[inline(never)]
     pub(super) fn watch_spindle(&mut self) {
         let rotation = self.accessories.rotation();
@@ -218,8 +218,8 @@ impl Motion {
         }
     }
 
-    /// Enables the drivers before axes begin to move from rest, and gives those that were disabled the time
-    /// that they need.
+    /// Enables the drivers before axes begin to move from rest, and gives drivers that were disabled the time that they
+    /// need.
     pub(super) fn prepare_drivers(&mut self) {
         if self.delays.running == Delay::Spindle && self.delays.enable_ms != 0 {
             // The first segment, which the spindle precedes, asks again.

@@ -1,4 +1,4 @@
-//! What a run of `prepare` does: it makes a segment, or does one job, entries among them. Another run
+//! What a run of `prepare` does: it makes a segment, or does a job, entries among them. Another run
 //! follows while there is more to do.
 //!
 //! In order of precedence: what stops the machine; requests, but not again and again; a segment

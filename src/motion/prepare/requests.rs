@@ -43,7 +43,7 @@ impl Motion {
                 self.open_door();
             }
         } else if is_start {
-            // Of requests at the same time the one that stops counts, as in Grbl: it is the safe one.
+            // Of requests at the same time the stopping request counts, as in Grbl: it is the safe one.
             if self.control.state == State::Tool {
                 self.published.tool_marks.end = requests.start_mark();
             }
@@ -57,7 +57,7 @@ impl Motion {
     }
 
     /// Whether a contact of the probe stops the machine: in a move that is no probing move, with a step left at least.
-    /// What has been probed may be gone to, and the move that leaves it may chatter.
+    /// A move may go to a probed position, and the move that leaves it may make the contact chatter.
     fn is_stopped_by_contact(&self) -> bool {
         let may_stop = self.stops_at_contact
             && self.has_probed

@@ -41,8 +41,8 @@ impl BlockGeometry<'_> {
     }
 }
 
-/// What the entry speed of a block takes of its geometry: with it, a backward pass needs one square
-/// root for a block at most.
+/// The part of a block's geometry for its entry speed: with it, a backward pass needs one square root for a block at
+/// most.
 ///
 /// On an arc with v² = aR·sin z, a length of z = d turns the exit's z into z + d:
 /// sin(z + d) = sin z·cos d + cos z·sin d.

@@ -1,8 +1,8 @@
 //! Moves beside the programmed path, and when the machine gets them.
 //!
-//! A line is answered when it has been accepted, although its move waits for the next one: a sender that
-//! waits for each answer would stand still otherwise. The machine stops at the start of a move that waits
-//! when nothing follows. What needs standstill looks at the motion, not at the move that waits.
+//! A line is answered when it has been accepted, although its move waits for the next move: a sender that waits for
+//! each answer would stand still otherwise. The machine stops at the start of a move that waits when nothing follows.
+//! What needs standstill looks at the motion, not at the move that waits.
 
 use super::{LineExecution, Path, Ports};
 use crate::{
@@ -50,21 +50,21 @@ impl CutterPath {
     ) -> Result<(), LineError> {
         self.compensator.drop_plan();
         if line.checked.is_compensated() {
-            self.plan_beside_path(line, settings)
+            self.plan_off_path(line, settings)
         } else {
             Ok(())
         }
     }
 
     #[inline(never)]
-    fn plan_beside_path(
+    fn plan_off_path(
         &mut self,
         line: &LineExecution,
         settings: &Settings,
     ) -> Result<(), LineError> {
         let (checked, interpreter) = (&line.checked, &line.interpreter);
         let programmed = interpreter.compensated_move(checked);
-        if self.waits_behind_move(checked) {
+        if self.waits_after_move(checked) {
             let moves = usize::from(checked.moves() && programmed.is_none());
             let waits = interpreter.commands_before_move(checked) + moves;
             if waits > self.compensator.room(checked.path_control()) {
@@ -87,7 +87,7 @@ impl CutterPath {
     }
 
     /// Returns whether a line waits behind a move, and is answered at once.
-    pub(super) fn waits_behind_move(&self, checked: &CheckedLine) -> bool {
+    pub(super) fn waits_after_move(&self, checked: &CheckedLine) -> bool {
         self.is_waiting() && checked.may_wait()
     }
 
@@ -112,7 +112,7 @@ impl CutterPath {
     #[inline(never)]
     pub(super) fn cancel(&mut self, path: &Path, line: &mut LineExecution) {
         let interpreter = &mut line.interpreter;
-        if interpreter.is_compensating() || interpreter.is_beside_path() {
+        if interpreter.is_compensating() || interpreter.is_off_path() {
             interpreter.cancel_compensation();
             interpreter.set_position(path.router.position());
         }
@@ -122,8 +122,8 @@ impl CutterPath {
 
     /// Returns where the cutter is that is still beside the path, with compensation off.
     pub(super) fn cutter(&self, interpreter: &Interpreter) -> Option<Axes<Nm>> {
-        let is_only_beside_path = interpreter.is_beside_path() && !interpreter.is_compensating();
-        is_only_beside_path.then(|| self.compensator.end())
+        let is_only_off_path = interpreter.is_off_path() && !interpreter.is_compensating();
+        is_only_off_path.then(|| self.compensator.end())
     }
 
     /// Sends what is released, and the commands of the line from `next` on that are compensated, as far as there is
@@ -147,8 +147,8 @@ impl CutterPath {
                 return SentCompensated::UpToTravel;
             }
         }
-        let is_beside = line.is_compensated || line.checked.stays_beside_path();
-        if line.checked.ends_program() && is_beside {
+        let is_off_path = line.is_compensated || line.checked.stays_off_path();
+        if line.checked.ends_program() && is_off_path {
             line.interpreter.set_position(self.compensator.end());
         }
         if line.is_compensated {

@@ -38,8 +38,8 @@ impl Session {
         (&mut self.host, conversation)
     }
 
-    /// Adopts the dialect, once the line that changes it has been answered, and does what cannot wait for the lines
-    /// before it.
+    /// Adopts the dialect once the changing line has been answered, and does the work that cannot wait for the lines
+    /// before.
     #[inline]
     pub(super) fn attend_dialect(&mut self, ports: &mut Ports<'_, '_>) {
         let dialect = Dialect::of(self.settings());
@@ -61,7 +61,7 @@ impl Session {
         }
     }
 
-    /// Returns what a dialect beside Grbl's makes of the next line, or of the one that has been begun.
+    /// Returns the step by a dialect beside Grbl's for the next line, or for the line that has been begun.
     #[inline]
     pub(super) fn read_in_dialect(&mut self, ports: &mut Ports<'_, '_>) -> Option<NextStep> {
         let (host, mut conversation) = self.lend(ports);

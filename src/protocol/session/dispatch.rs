@@ -23,7 +23,7 @@ use crate::{
     settings::{self, Settings, StoredLine},
 };
 
-/// The axes that are homed unless others are named, beside those that home by marks.
+/// The axes that are homed unless others are named, beside the axes that home by marks.
 const LINEAR_AXES: u8 = (1 << LINEAR) - 1;
 
 /// `$13`.
@@ -222,7 +222,7 @@ impl Session {
             }
         }
         if let Err(error) = result {
-            self.path.sync.follows_refused |= self.is_held_behind(error);
+            self.path.sync.follows_refused |= self.holds_following(error);
         }
         let Source::Startup { number, .. } = self.line.source else {
             let settings = &self.persistence.stored.settings;
@@ -260,7 +260,7 @@ impl Session {
     pub(super) fn unlock(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         if ports.machine.state != State::Alarm {
             let interpreter = &self.line.interpreter;
-            if interpreter.is_compensating() || interpreter.is_beside_path() {
+            if interpreter.is_compensating() || interpreter.is_off_path() {
                 if !self.path.is_done(ports.machine) {
                     return self.await_standstill();
                 }

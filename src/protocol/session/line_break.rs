@@ -10,7 +10,7 @@ pub(super) enum LineBreak {
     None,
     /// It has had no effect yet.
     Pending,
-    /// It has ended a jog; what waits behind that is still to be held.
+    /// It has ended a jog; the work that waits behind the jog is still to be held.
     JogEnded,
 }
 
@@ -26,9 +26,9 @@ pub(super) struct WorkLeft {
 }
 
 impl LineBreak {
-    /// After a break on the line, ends a jog, holds what runs or waits, as `!` does. Returns whether the machine is to be
-    /// held, or nothing where what cannot be held ends first: a homing cycle, a jog that is being stopped, and an alarm
-    /// as long as lines wait in it.
+    /// After a break on the line, ends a jog, holds what runs or waits, as `!` does. Returns whether the machine is to
+    /// be held, or nothing where something that cannot be held ends first: a homing cycle, a jog being stopped, and an
+    /// alarm as long as lines wait in it.
     ///
     /// At Idle `!` holds, too, but a break with nothing to hold does not: adapters make one when a port is opened or a
     /// board is plugged in, and a machine that nobody has moved must not want a `~` first. Nor does it end a wait for

@@ -1,4 +1,4 @@
-//! The line in execution: what it asks for, and what of it has been sent.
+//! The line in execution: its requests, and the part that has been sent.
 
 use crate::{
     axis::{AXES, Axes},
@@ -108,8 +108,7 @@ impl LineExecution {
         self.follow_own_commands(AfterCommands::Again);
     }
 
-    /// Notes what follows commands that are not those of the line, of which an earlier one may have ended within a cycle
-    /// or a tilted arc.
+    /// Notes what follows commands of the session's own. An earlier line may have ended within a cycle or a tilted arc.
     pub(super) fn follow_own_commands(&mut self, after_commands: AfterCommands) {
         self.tilted = None;
         self.drilling = None;
@@ -156,7 +155,7 @@ impl LineExecution {
             // A startup line is stored when its motion is over.
             let is_stored = matches!(self.source, Source::NewStartup { .. });
             let is_switched = switches || checked.answers_when_done();
-            let waits = cutter_path.waits_behind_move(checked);
+            let waits = cutter_path.waits_after_move(checked);
             (is_stored || is_switched && !waits).then_some(AfterCommands::Answer)
         }
     }
@@ -317,7 +316,7 @@ impl LineExecution {
         }
     }
 
-    /// Checks a jog. After `G40` it begins where the cutter is, if that is another place, unless it is refused.
+    /// Checks a jog. After `G40` the jog begins where the cutter is, if in another place, unless the jog is refused.
     ///
     /// # Errors
     /// As [`Interpreter::check_jog`], and 15 for a
@@ -343,7 +342,7 @@ impl LineExecution {
         };
         let checked = if let Some(cutter) = cutter {
             self.interpreter
-                .check_jog_beside_path(line, settings, cutter, is_beyond)
+                .check_jog_off_path(line, settings, cutter, is_beyond)
         } else {
             self.interpreter.check_jog(line, settings)
         };
@@ -377,7 +376,7 @@ impl LineExecution {
         })
     }
 
-    /// Returns the work that switches the power of a laser that is on at a constant speed, of a move without a step: no block
+    /// Returns the work that switches the power of a laser at constant power, for a move without a step: no block
     /// carries it.
     pub(super) fn power_without_steps(
         &mut self,

@@ -72,7 +72,7 @@ impl MachineSync {
         self.duration.add(end_ms);
     }
 
-    /// Counts a speed of the spindle that has been sent: it is done before the moves ahead of it.
+    /// Counts a sent speed of the spindle: its entry is done before the moves ahead of it.
     pub(super) fn count_speed(&mut self) {
         self.entered = self.entered.wrapping_add(1);
     }

@@ -25,8 +25,8 @@ use crate::{
     settings::Settings,
 };
 
-/// Bytes of an unfinished line that stay in the receive queue, at most: half of those that release the
-/// session without a line end, so that it moves a longer line out of the queue in time.
+/// Most bytes of an unfinished line that stay in the receive queue: half of the bytes that release the session without
+/// a line end, so the session moves a longer line out of the queue in time.
 const MAX_WAITING_BYTES: usize = MAX_UNRELEASED_BYTES / 2;
 
 /// Returns whether an unfinished line may stay in the receive queue: a short one in upper case, without
@@ -66,7 +66,7 @@ impl Session {
         }
     }
 
-    /// Sends the one move that a plain line asks for, unless it leaves the travel.
+    /// Sends the move that a plain line asks for, unless the move leaves the travel.
     fn send_plain(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         let settings = &self.persistence.stored.settings;
         if settings.soft_limits && is_outside(settings, &self.line.interpreter.position()) {
@@ -206,8 +206,8 @@ impl LineExecution {
         received.take_until(|bytes| self.input.take_from(bytes))
     }
 
-    /// Executes the next line in the receive queue, if it is a plain one; else keeps the plain
-    /// words that the line begins with.
+    /// Executes the next line in the receive queue, if it is plain; else keeps the plain words that the line begins
+    /// with.
     ///
     /// # Errors
     /// Nothing has been dequeued, and nothing has changed, for any other line, where more than the
@@ -358,10 +358,11 @@ impl Path {
         self.drain(ports.entries) && ports.entries.ready() && !self.sync.waits_for_time
     }
 
-    /// Returns whether what the machine has to do behind the work in execution lasts longer than `$797`, and longer than
-    /// it takes to brake: no move becomes slower because one behind it is not known yet.
+    /// Returns whether the queued work behind the work in execution lasts longer than `$797`, and longer than braking:
+    /// no move becomes slower because a later move is not known yet.
     ///
-    /// The rest of a command that backlash divides does not wait for that, as its line has no answer yet. A jog does not: one that waited here would begin when those before have been cancelled.
+    /// The rest of a command that backlash divides does not wait for that, as its line has no answer yet. Nor does a
+    /// jog: a jog that waited here would begin when the jogs before have been cancelled.
     #[inline]
     fn is_enough_queued(&self, line: &LineExecution, machine: &Snapshot) -> bool {
         let slowest = machine.overrides.feed.min(machine.overrides.rapid);
@@ -407,9 +408,9 @@ impl Path {
         is_sent.is_some()
     }
 
-    /// Sends a command, for which there is room, to the machine, or to the blender before it, and on a machine with
-    /// backlash what comes before it. Returns whether there was something to send, and `None` when there is no room
-    /// behind what comes before.
+    /// Sends a command, for which there is room, to the machine or to the blender, on a machine with backlash after the
+    /// take-up of the backlash. Returns whether there was something to send, and `None` when the take-up has left no
+    /// room.
     fn send_command(
         &mut self,
         command: &Command,

@@ -37,7 +37,7 @@ pub(super) enum ProgrammedPosition {
     Machine,
     /// Another one: that where a move would have begun which has not.
     At(Axes<Nm>),
-    /// The one it is, less than a step away, or the target of a probing move that has missed.
+    /// Unchanged: less than a step away, or the target of a probing move that has missed.
     Stays,
 }
 

@@ -5,8 +5,8 @@
 //! copy: a tool is replaced at once, and the table is cleared when that has been stored. All of it at
 //! standstill only: the flash stalls the processor. Read with Grbl 1.1 `settings.c`.
 //!
-//! An erase stalls it for long. It is done at Idle only, with spindle and laser off; until then a change that
-//! needs it is in effect and waits. All that is stored is in RAM as well, so any number of changes can wait.
+//! An erase stalls it for long. The erase is done at Idle only, with spindle and laser off; until then a change that
+//! needs the erase is in effect and waits. All that is stored is in RAM as well, so any number of changes can wait.
 
 use core::num::NonZeroU8;
 
@@ -72,7 +72,7 @@ pub(super) struct Persistence {
     state: StoreState,
     /// What is in effect, and is to be stored when an erase is allowed.
     pub(super) waiting: Changes,
-    /// What is damaged where it is stored, until it is stored anew.
+    /// Changes whose records are damaged, until they are stored anew.
     pub(super) damaged: Changes,
     /// Something has begun to wait, or could not be stored, and the sender is to know it.
     feedback: Option<Feedback>,
@@ -124,7 +124,7 @@ impl Persistence {
         }
     }
 
-    /// Ends a change that has waited; where it cannot be stored, it stays in effect until power is off.
+    /// Ends a change that has waited; a change that cannot be stored stays in effect until power is off.
     fn finish_postponed(&mut self, change: Change, result: Result<(), StoreError>) {
         self.state = StoreState::Idle;
         if result != Err(StoreError::MustWait) {

@@ -1,7 +1,7 @@
 //! The position stream: `X:45,Y:22` after each change of the position, for plots.
 //!
-//! Off with `$792=0`. A line goes out only while no other byte waits to be sent, so that an answer waits
-//! for one line at most; a position for which there is no room is left out, but never the last one.
+//! Off with `$792=0`. A line goes out only while no other byte waits to be sent, so an answer waits for one line at
+//! most; a position without room is left out, but never the last position.
 //!
 //! # Cost
 //! With the stream off, `interpret` tests one setting; no other task knows of it. With the stream on,

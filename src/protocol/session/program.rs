@@ -24,8 +24,8 @@ use crate::{
 };
 
 impl Session {
-    /// Refuses a line, and holds a program that moves the machine: the lines behind it count on this one. A jog, and
-    /// a machine at rest, are not held.
+    /// Refuses a line, and holds a program that moves the machine: later lines count on the refused line. A jog, and a
+    /// machine at rest, are not held.
     #[cold]
     #[inline(never)]
     pub(super) fn refuse_with_hold(&mut self, error: LineError, ports: &Ports<'_, '_>) -> Progress {
@@ -40,7 +40,7 @@ impl Session {
 
     /// Returns whether the line, which is refused with an error, is one of a program behind which others are held. A
     /// checked line is asked for again.
-    pub(super) fn is_held_behind(&self, error: LineError) -> bool {
+    pub(super) fn holds_following(&self, error: LineError) -> bool {
         let text = self.line.input.text().unwrap_or_default();
         let is_asked_for = matches!(error, LineError::Checksum | LineError::LineNumber);
         self.settings().holds_after_refusal
@@ -108,7 +108,7 @@ impl Session {
             return self.refuse(error);
         }
         let waits = self.line.checked.waits_for_standstill()
-            && !self.cutter_path.waits_behind_move(&self.line.checked);
+            && !self.cutter_path.waits_after_move(&self.line.checked);
         if waits && !self.path.is_done(machine)
             || self.waits_for_message(self.line.checked.pauses_program())
         {
@@ -129,8 +129,8 @@ impl Session {
         self.line.source == Source::Line
     }
 
-    /// Executes the line that has been checked, after what must come before it: the change of a tool, or
-    /// the flash.
+    /// Executes the line that has been checked, after the work that must come first: the change of a tool, or the
+    /// flash.
     fn execute(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
         let machine = ports.machine;
         if (self.line).needs_tool(machine, &self.persistence.stored.settings) {
@@ -230,16 +230,16 @@ impl Session {
         if is_checking && !line.is_compensated {
             line.outcome.commands.clear();
         }
-        let is_beside_path = line.is_compensated || line.checked.stays_beside_path();
-        if is_beside_path || self.cutter_path.is_waiting() {
+        let is_off_path = line.is_compensated || line.checked.stays_off_path();
+        if is_off_path || self.cutter_path.is_waiting() {
             self.send_compensated(0, ports)
         } else {
             self.send_commands(0, ports)
         }
     }
 
-    /// Returns where the line that [`Alarm::SoftLimit`] has stopped leaves the travel, and whether it does so in a
-    /// compensated move, which lines before it may have asked for. For tools that show the reason.
+    /// Returns where the line that [`Alarm::SoftLimit`] has stopped leaves the travel, and whether this is in a
+    /// compensated move, which earlier lines may have asked for. For tools that show the reason.
     ///
     /// [`Alarm::SoftLimit`]: crate::model::Alarm::SoftLimit
     #[must_use]
@@ -262,7 +262,7 @@ impl Session {
         self.operator_messages.is_full() && !self.line.operator_text(is_pause).is_empty()
     }
 
-    /// Keeps the message of the line, if it has one, until the entries that have been sent are finished.
+    /// Keeps the message of the line, if any, until the entries that have been sent are finished.
     #[inline]
     pub(super) fn queue_message(&mut self, is_pause: bool, machine: &Snapshot) {
         if !self.line.input.comment().is_empty() {

@@ -200,7 +200,7 @@ impl Session {
     }
 }
 
-/// Drops what has been received, and what was lost of it.
+/// Drops the received bytes, and the count of lost bytes among them.
 fn drop_received(ports: &mut Ports<'_, '_>) {
     // No more than the capacity of the queue.
     for _ in 0..ports.received.capacity() {

@@ -1,8 +1,8 @@
 //! The program that the firmware brings along: `$794`. Only where motors may be driven by phases.
 //!
-//! Cycle start at Idle begins it, as the switch of the experiment did, and it begins again at its end. A reset,
-//! an alarm, or a line that is refused ends it, and a line of the sender does when it is at its end. Its own
-//! lines are not answered.
+//! Cycle start at Idle begins it, as the switch of the experiment did, and it begins again at its end. A reset, an
+//! alarm, or a refused line ends the program; a line of the sender ends the program when the program is at its end. Its
+//! own lines are not answered.
 
 use super::Ports;
 use crate::{

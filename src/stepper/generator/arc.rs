@@ -22,7 +22,7 @@ const MAX_REVERSALS: u32 = 4;
 pub(super) struct ArcInSegments {
     /// Where the steps of the segments end on it.
     progress: ArcProgress,
-    /// What the segment that begins next has of it.
+    /// The steps of the arc in the segment that begins next.
     next: Option<ArcSteps>,
     /// Axes that the segment moves by the arc, bit 0 = X.
     axes: u8,
@@ -58,7 +58,7 @@ impl ArcInSegments {
     }
 
     /// Returns the motion of an axis at a position besides the arc: an axis of the arc has none.
-    pub(super) fn motion_besides(
+    pub(super) fn motion_off_arc(
         &self,
         axis: usize,
         position: FineSteps,
@@ -155,8 +155,8 @@ impl Generator {
         slot.wrapping_sub(self.base_slot).cast_signed() + DIRECTION_SETUP_SLOTS.cast_signed()
     }
 
-    /// Adds steps from a number on, in the slot `free` and behind it, up to one that needs another direction.
-    /// Returns its number, and the slot behind the last one.
+    /// Adds steps from a number on, in the slot `free` and after it, up to a step with another direction. Returns the
+    /// number of this step, and the slot after the last added one.
     fn add_arc_steps_up_to_reversal(&mut self, mut number: usize, mut free: i32) -> (usize, i32) {
         let base = self.base_slot;
         let pulse = pulse_slots(self.pulse_ticks);

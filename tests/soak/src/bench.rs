@@ -929,7 +929,7 @@ impl Bench {
         let interpreter = session.interpreter();
         let is_compensated = interpreter.modal().compensation != CompensationMode::Off;
         // After G40 the tool stays beside the programmed position up to the next move.
-        if self.state() != State::Idle || is_compensated || interpreter.is_beside_path() {
+        if self.state() != State::Idle || is_compensated || interpreter.is_off_path() {
             return;
         }
         let programmed = interpreter.position();

@@ -54,7 +54,7 @@ fn check_programmed(simulator: &Simulator, outputs: Outputs) {
     let session = simulator.session();
     let (settings, modal) = (session.settings(), session.interpreter().modal());
     // What is programmed behind a compensated move waits with it.
-    if modal.compensation != CompensationMode::Off || session.interpreter().is_beside_path() {
+    if modal.compensation != CompensationMode::Off || session.interpreter().is_off_path() {
         return;
     }
     assert_eq!(outputs.coolant, modal.coolant, "coolant");

@@ -144,7 +144,7 @@ impl ProgramReader {
             compensator.release();
             release(compensator);
         }
-        let is_on_offset_path = is_compensated || checked.stays_beside_path();
+        let is_on_offset_path = is_compensated || checked.stays_off_path();
         if is_compensated {
             for command in commands.drain(..) {
                 compensator.push(&command, checked.path_control());
@@ -161,9 +161,9 @@ impl ProgramReader {
     /// A jog begins where the cutter is.
     fn check_jog(&mut self, line: &[u8]) -> Result<CheckedLine, LineError> {
         let interpreter = &mut self.interpreter;
-        if interpreter.is_beside_path() && !interpreter.is_compensating() {
+        if interpreter.is_off_path() && !interpreter.is_compensating() {
             let tool = self.compensator.end();
-            interpreter.check_jog_beside_path(line, &self.settings, tool, |_| false)
+            interpreter.check_jog_off_path(line, &self.settings, tool, |_| false)
         } else {
             interpreter.check_jog(line, &self.settings)
         }

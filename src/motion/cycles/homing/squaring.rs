@@ -6,10 +6,10 @@
 //!   lagging  ---->                 ------------>|\               <--/                  <--------|
 //! ```
 //!
-//! The approach ends where the switch of one motor closes. The other one goes on alone until its own switch
-//! closes, and then to where it is as far behind that as the leading motor is behind its own: from there on both
-//! are equally far from their switches. Motors are left out of the outputs at rest only.
-//! How far a gantry may be skewed is Grbl's rule for axes with two motors.
+//! The approach ends where the switch of one motor closes. The other motor goes on alone until its own switch closes,
+//! and then to where it is as far behind this switch as the leading motor is behind its own: from there on both are
+//! equally far from their switches. Motors are left out of the outputs at rest only. How far a gantry may be skewed is
+//! Grbl's rule for axes with two motors.
 
 use super::{Homing, HomingStage, LATENCY_TICKS};
 use crate::{
@@ -42,14 +42,14 @@ struct Gantry {
     /// Where the switches of both motors closed in this approach, steps.
     switches: [Option<i32>; 2],
     /// Where both motors came to rest after it, steps.
-    rest: i32,
+    standstill: i32,
 }
 
 impl Gantry {
     const NONE: Self = Self {
         is_ganged: false,
         switches: [None; 2],
-        rest: 0,
+        standstill: 0,
     };
 }
 
@@ -153,13 +153,13 @@ impl Squaring {
         &mut self,
         axes: u8,
         switches: &Axes<i32>,
-        rest: &Axes<i32>,
+        standstill: &Axes<i32>,
     ) -> StandingMotors {
         let mut leading = StandingMotors::NONE;
-        let places = switches.iter().zip(rest);
+        let places = switches.iter().zip(standstill);
         // wcet-bound: 3
-        for (axis, (gantry, (switch, rest))) in self.gantries.iter_mut().zip(places).enumerate() {
-            gantry.rest = *rest;
+        for (axis, (gantry, (switch, steps))) in self.gantries.iter_mut().zip(places).enumerate() {
+            gantry.standstill = *steps;
             let bit = 1 << axis & axes;
             if gantry.switches[0] == Some(*switch) {
                 leading.first |= bit;
@@ -178,7 +178,7 @@ impl Squaring {
             return None;
         };
         let lagging = if first == switch { second } else { first };
-        Some(lagging.wrapping_add(gantry.rest.wrapping_sub(switch)))
+        Some(lagging.wrapping_add(gantry.standstill.wrapping_sub(switch)))
     }
 
     /// Sets the position of these axes back to that of their leading motors.
@@ -186,7 +186,7 @@ impl Squaring {
         // wcet-bound: 3
         for (axis, (gantry, steps)) in self.gantries.iter().zip(steps.iter_mut()).enumerate() {
             if axes >> axis & 1 != 0 {
-                *steps = gantry.rest;
+                *steps = gantry.standstill;
             }
         }
     }
@@ -200,8 +200,8 @@ impl Homing {
             self.enter(HomingStage::PullOff, inputs, generator);
             return;
         }
-        let rest = generator.steps();
-        let leading = (self.squaring).begin_squaring(skewed, &self.switches, &rest);
+        let standstill = generator.steps();
+        let leading = (self.squaring).begin_squaring(skewed, &self.switches, &standstill);
         if inputs.order_standing(leading) {
             let next = if self.squaring.lagging_axes(self.current_axes) == 0 {
                 HomingStage::Align

@@ -221,12 +221,12 @@ fn peaks(settings: &Settings, run: &Run) -> Peaks {
     peaks
 }
 
-fn blocks(settings: &Settings, ways: &[([f64; 3], f32)]) -> Vec<Block> {
+fn blocks(settings: &Settings, displacements: &[([f64; 3], f32)]) -> Vec<Block> {
     let mut router = Router::new(settings);
     let mut at = [0.0; 3];
     let mut blocks = Vec::new();
-    for (way, feed) in ways {
-        at = [0, 1, 2].map(|n| at[n] + way[n]);
+    for (displacement, feed) in displacements {
+        at = [0, 1, 2].map(|n| at[n] + displacement[n]);
         let position = Axes::from_fn(|axis| at.get(axis).map_or(Nm(0), |mm| Nm::from_mm_f64(*mm)));
         let command = Command::Line {
             target: position.into(),
@@ -269,16 +269,17 @@ fn machines() -> impl Strategy<Value = Settings> {
 }
 
 /// Ways that wander: now straight on, now around corners, short and long.
-fn ways() -> impl Strategy<Value = Vec<([f64; 3], f32)>> {
-    let way = (
+fn displacements() -> impl Strategy<Value = Vec<([f64; 3], f32)>> {
+    let displacement = (
         prop::array::uniform3(-1.0..1.0_f64),
         0.0..1.0_f64,
         prop_oneof![2 => 0.05..1.0_f64, 1 => 1.0..30.0_f64],
         prop_oneof![1 => Just(-1.0_f32), 4 => 200.0..6000.0_f32, 4 => Just(3000.0_f32)],
     );
-    prop::collection::vec(way, 2..60).prop_map(|ways| {
+    prop::collection::vec(displacement, 2..60).prop_map(|displacements| {
         let mut direction = [1.0, 0.3, -0.2];
-        ways.into_iter()
+        displacements
+            .into_iter()
             .map(|(turn, sharp, length, feed)| {
                 let sharp = if sharp < 0.8 { 0.2 * sharp } else { 3.0 };
                 direction = [0, 1, 2].map(|n| direction[n] + sharp * turn[n]);
@@ -334,10 +335,10 @@ fn thousands_of_blocks_end_at_rest() -> Result<(), TestCaseError> {
         (500.0, 0.05, [0.002, 0.002], [6000.0, 6000.0]),
     ] {
         let settings = machine(acceleration, ramp_s);
-        let ways: Vec<_> = (0..3000)
+        let displacements: Vec<_> = (0..3000)
             .map(|number| ([lengths[number % 2], 0.0, 0.0], feeds[number % 2]))
             .collect();
-        let run = play(&settings, &blocks(&settings, &ways), 0, &[]);
+        let run = play(&settings, &blocks(&settings, &displacements), 0, &[]);
         check(&peaks(&settings, &run))?;
         let (end, corners) = run.corners.split_last().expect("corners");
         assert!(*end <= CREEP, "{lengths:?} mm end at {end} mm/s");
@@ -357,12 +358,12 @@ fn a_circle_of_short_lines_is_gone_through_without_a_rest() -> Result<(), TestCa
         (1.0, 0.02, 0.02),
     ] {
         let settings = machine(500.0, ramp_s);
-        let way = |number: u32| {
+        let displacement = |number: u32| {
             let angle = turn * f64::from(number);
             ([length * angle.cos(), length * angle.sin(), 0.0], 3000.0)
         };
-        let ways: Vec<_> = (0..1000).map(way).collect();
-        let run = play(&settings, &blocks(&settings, &ways), 0, &[]);
+        let displacements: Vec<_> = (0..1000).map(displacement).collect();
+        let run = play(&settings, &blocks(&settings, &displacements), 0, &[]);
         check(&peaks(&settings, &run))?;
         let inner = &run.corners[100..900];
         let slowest = inner.iter().copied().fold(f64::MAX, f64::min);
@@ -378,19 +379,19 @@ fn a_corner_that_comes_late_is_the_same_in_every_round() -> Result<(), TestCaseE
         let angle = f64::from(number % 8) * core::f64::consts::FRAC_PI_4;
         ([20.0 * angle.cos(), 20.0 * angle.sin(), 0.0], 3000.0)
     };
-    let ways: Vec<_> = (0..160).map(side).collect();
+    let displacements: Vec<_> = (0..160).map(side).collect();
     for every in [380, 400, 420] {
-        let run = play(&settings, &blocks(&settings, &ways), every, &[]);
+        let run = play(&settings, &blocks(&settings, &displacements), every, &[]);
         check(&peaks(&settings, &run))?;
     }
     // A short block between the reference and the corner.
     for (short, turn) in [(0.03, 0.5), (0.05, 0.7), (0.1, 0.9)] {
-        let ways = [
+        let displacements = [
             ([10.0, 0.0, 0.0], 6000.0),
             ([short, 0.0, 0.0], 6000.0),
             ([10.0 * f64::cos(turn), 10.0 * f64::sin(turn), 0.0], 6000.0),
         ];
-        let blocks = blocks(&settings, &ways);
+        let blocks = blocks(&settings, &displacements);
         for every in 60..200 {
             check(&peaks(&settings, &play(&settings, &blocks, every, &[])))?;
         }
@@ -409,11 +410,11 @@ fn an_override_just_before_a_corner_leaves_its_limit_behind_it() -> Result<(), T
         ..Settings::default()
     };
     // What comes behind the corner is faster, and under no override.
-    let ways = [
+    let displacements = [
         ([0.766, -0.47, -0.038], 840.0),
         ([1.645, -2.164, 1.154], -1.0),
     ];
-    let blocks = blocks(&settings, &ways);
+    let blocks = blocks(&settings, &displacements);
     for instant in 1..200 {
         let acts = [(instant, Act::Feed(10))];
         check(&peaks(&settings, &play(&settings, &blocks, 0, &acts)))?;
@@ -442,8 +443,8 @@ fn a_corner_is_passed_at_rest_where_a_lower_speed_on_both_sides_takes_longer() {
             junction_deviation_mm: 0.0005 * f32::from(deviation),
             ..machine(1000.0, 0.02)
         };
-        let ways = [([30.0, 0.0, 0.0], 3000.0), ([0.0, 30.0, 0.0], 3000.0)];
-        let blocks = blocks(&settings, &ways);
+        let displacements = [([30.0, 0.0, 0.0], 3000.0), ([0.0, 30.0, 0.0], 3000.0)];
+        let blocks = blocks(&settings, &displacements);
         let slow_mm_s = 0.25 * 1000.0 * AveragingWindow::new(&settings).seconds();
         let is_slow = math::sqrt(blocks[1].junction_sqr) < slow_mm_s;
         let corner_mm_s = play(&settings, &blocks, 0, &[]).corners[0];
@@ -462,24 +463,24 @@ proptest! {
     #![proptest_config(crate::cases(16))]
 
     #[test]
-    fn a_program_keeps_every_limit(settings in machines(), ways in ways()) {
-        let blocks = blocks(&settings, &ways);
+    fn a_program_keeps_every_limit(settings in machines(), displacements in displacements()) {
+        let blocks = blocks(&settings, &displacements);
         check(&peaks(&settings, &play(&settings, &blocks, 0, &[])))?;
     }
 
     #[test]
-    fn so_do_holds_and_overrides(settings in machines(), ways in ways(), acts in acts()) {
-        let blocks = blocks(&settings, &ways);
+    fn so_do_holds_and_overrides(settings in machines(), displacements in displacements(), acts in acts()) {
+        let blocks = blocks(&settings, &displacements);
         check(&peaks(&settings, &play(&settings, &blocks, 0, &acts)))?;
     }
 
     #[test]
     fn so_do_blocks_that_come_late(
         settings in machines(),
-        ways in ways(),
+        displacements in displacements(),
         every in 1..200_usize,
     ) {
-        let blocks = blocks(&settings, &ways);
+        let blocks = blocks(&settings, &displacements);
         check(&peaks(&settings, &play(&settings, &blocks, every, &[])))?;
     }
 }

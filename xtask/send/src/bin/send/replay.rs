@@ -57,7 +57,7 @@ impl Replay {
         let Ok(checked) = self.interpreter.check(text, &self.settings) else {
             return Effect::Refused;
         };
-        let was_compensated = self.interpreter.is_beside_path();
+        let was_compensated = self.interpreter.is_off_path();
         let mut outcome = LineCommands::default();
         if checked.changes_tool() && self.settings.tool_change != TOOL_CHANGE_IGNORED {
             let tool = checked.loaded_tool();
@@ -90,7 +90,7 @@ impl Replay {
     pub(crate) fn may_begin(&self) -> bool {
         let interpreter = &self.interpreter;
         !interpreter.is_compensating()
-            && !interpreter.is_beside_path()
+            && !interpreter.is_off_path()
             && !matches!(interpreter.modal().motion, MotionMode::Cycle(_))
     }
 }

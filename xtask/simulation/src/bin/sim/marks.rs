@@ -47,7 +47,7 @@ impl MarkFinder {
 
     /// A line is sent.
     pub(crate) fn line(&mut self, line: &[u8]) {
-        let was_compensated = self.reader.interpreter().is_beside_path();
+        let was_compensated = self.reader.interpreter().is_off_path();
         let from = self.position;
         let commands = self.reader.line(line);
         let holes = match self.reader.interpreter().modal().motion {
