@@ -563,7 +563,8 @@ impl Driver<Machine> for Run {
         }
         match settled {
             Settled::Access { access, .. } => {
-                self.watch.record_access(&access, session, &self.bench.program);
+                self.watch
+                    .record_access(&access, session, &self.bench.program);
                 self.cut_supply_when_due(session);
             }
             Settled::Stop(_) => session.board_mut().chip.correct_ready_flags(),
