@@ -69,10 +69,10 @@ struct Sources {
 impl Sources {
     fn new() -> Self {
         let target = cargo::root().join("target/inserted");
-        Self {
-            folder: target.join("sources"),
-            target,
-        }
+        let folder = target.join("sources");
+        // A copy of before may have files that are no longer in the project.
+        let _ = fs::remove_dir_all(&folder);
+        Self { folder, target }
     }
 
     /// Copies what Git does not ignore. An unchanged file keeps its time, so that it is not compiled again. The copy
