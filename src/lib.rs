@@ -5,7 +5,7 @@
 //!
 //! # How a move goes
 //!
-//! `G1 X10 F600` passes through five tasks. Each has a fixed priority, owns its part of the state, and hands the rest
+//! `G1 X10 F600` passes through five tasks (and `wake`, which only wakes `interpret`). Each has a fixed priority, owns its part of the state, and hands the rest
 //! on through a queue with one writer and one reader. Their bodies are the functions of [`tasks`].
 //!
 //! **Bytes.** [`tasks::serial_rx`] takes each byte from the port. [`protocol::realtime::receive`] decides what it is:
@@ -26,12 +26,12 @@
 //!
 //! **Segments.** [`tasks::prepare`] runs [`motion::Motion::run`], one bounded piece of work at a time. The look-ahead
 //! plans the speeds of all known blocks, backwards from a stop at the end of the last one. From the block in execution,
-//! `Motion` makes a segment: a millisecond or so of motion with constant acceleration, or constant jerk. It also
-//! owns the state of the machine ([`machine::Control`]): holds, the safety door, homing, probing, alarms.
+//! `Motion` makes a segment: a millisecond or so of motion with constant acceleration, which with limits of jerk
+//! changes from segment to segment. It also owns the state of the machine ([`machine::Control`]): holds, the safety door, homing, probing, alarms.
 //!
 //! **Steps.** A [`stepper`] generator computes at which tick of the step timer each motor of the segment steps, and
-//! pushes these events to [`stepper::EventRing`]. The most urgent task, [`tasks::step`], outputs the event that is due and
-//! loads the time of the next one into the timer. When an event begins a segment, [`tasks::segment_start`] records that
+//! pushes these events to [`stepper::EventRing`]. The most urgent task, [`tasks::step`], outputs the event that is due, sets up
+//! the next, and loads the time of the event after that into the timer. When an event begins a segment, [`tasks::segment_start`] records that
 //! in [`stepper::SegmentRing`], from which `prepare` knows what has been played.
 //!
 //! Two more tasks stand beside the stream: [`tasks::inputs`] filters switches, probe and buttons

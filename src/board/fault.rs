@@ -82,6 +82,11 @@ fn write_record(record: [u32; 3]) {
 }
 
 /// Stops every task, and switches the outputs off. Interrupts stay off: a part of functions that never return.
+#[inline(always)]
+#[expect(
+    clippy::inline_always,
+    reason = "the proof wants interrupts on where a function ends"
+)]
 pub(super) fn stop_machine(cause: ResetCause) {
     cortex_m::interrupt::disable();
     outputs::switch_off();

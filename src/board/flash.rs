@@ -260,6 +260,8 @@ fn program(
 }
 
 /// Calls a function while no task runs, unless the step timer does. Returns whether it was called.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 #[expect(unsafe_code, reason = "the tasks' threshold")]
 fn alone(operate: impl FnOnce()) -> bool {
     let threshold = basepri::read();

@@ -11,6 +11,8 @@ pub(crate) mod export {
     pub(crate) use rtic::export::*;
 
     /// Calls a handler.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "it stands for its argument")]
     pub(crate) fn run(_priority: u8, handler: impl FnOnce()) {
         handler();
     }

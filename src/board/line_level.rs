@@ -3,9 +3,7 @@
 //! # Cost
 //!
 //! None in tasks with deadlines: in `inputs` the look would cost 5 600 steps a second at 1 Mbaud. `idle` comes
-//! round once a millisecond at least, as `inputs` wakes it, unless the tasks need all of the time. [`LineLevel::look`]
-//! is a function of its own: inlined into `idle`, the addresses of registers would be kept over all rounds, and the
-//! proof would not know them.
+//! round once a millisecond at least, as `inputs` wakes it, unless the tasks need all of the time.
 
 use leadscrew::{
     machine::BreakDetector,

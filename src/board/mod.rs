@@ -42,6 +42,7 @@ pub(crate) mod release;
 #[cfg_attr(feature = "qemu", path = "qemu/reset_state.rs")]
 mod reset_state;
 mod serial;
+mod serial_session;
 mod stack;
 mod step_output;
 #[cfg_attr(feature = "qemu", path = "qemu/step_timer.rs")]
@@ -68,7 +69,8 @@ pub(crate) use power_up::init;
 #[cfg(feature = "qemu")]
 pub(crate) use qemu::sleep;
 pub(crate) use release::ChipPlatform;
-pub(crate) use serial::{Receiver, SerialSession};
+pub(crate) use serial::Receiver;
+pub(crate) use serial_session::SerialSession;
 pub(crate) use step_output::{StepInterrupt, StepPins, StepTimerToken};
 pub(crate) use stm32f4xx_hal::pac;
 pub(crate) use storage::{Memory, MotionMemory, Storage};

@@ -96,6 +96,7 @@ unsafe impl Sync for SharedMotors {}
 
 impl SharedMotors {
     /// Calls a function with the motors, which must not call this one.
+    #[inline]
     #[expect(unsafe_code, reason = "nothing else has them meanwhile")]
     fn with<R>(&self, of: impl FnOnce(&mut Motors) -> R) -> R {
         // SAFETY: as above.
@@ -103,6 +104,7 @@ impl SharedMotors {
     }
 
     /// Returns the words that energise the coils of all motors.
+    #[inline]
     fn words(&self, phases: Phases) -> CoilWords {
         let mut words = [0; PORTS];
         // wcet-bound: 6
@@ -123,6 +125,7 @@ static IS_ENABLED: AtomicBool = AtomicBool::new(false);
 static CONFIGURATION: AtomicU32 = AtomicU32::new(0);
 
 /// Outputs what the last [`set_next`] has set. For the step interrupt, or while it stands.
+#[inline]
 pub(super) fn write() {
     SHARED.with(|motors| {
         output(motors.words);
@@ -131,6 +134,7 @@ pub(super) fn write() {
 }
 
 /// Outputs a word for each port.
+#[inline]
 fn output(words: CoilWords) {
     // wcet-bound: 6
     for (index, word) in words.into_iter().enumerate() {
@@ -139,6 +143,7 @@ fn output(words: CoilWords) {
 }
 
 /// The next event does nothing.
+#[inline]
 pub(super) fn clear_next() {
     SHARED.with(|motors| {
         motors.drive.give_up();
@@ -147,6 +152,7 @@ pub(super) fn clear_next() {
 }
 
 /// Sets what the next event does. Motors are enabled before the first event.
+#[inline]
 pub(super) fn set_next(event: StepEvent) {
     SHARED.with(|motors| {
         motors.words = SHARED.words(motors.drive.set_up(event));

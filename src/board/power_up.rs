@@ -112,6 +112,7 @@ fn is_right_chip(debug: &pac::DBGMCU) -> bool {
 }
 
 /// Says for ever that the firmware is for another chip: one with less memory or of a lower frequency may do anything.
+#[cold]
 fn refuse_chip(usart: Usart, rcc: &Rcc, nvic: &mut pac::NVIC) -> ! {
     let _usart = start_serial(usart, rcc, nvic);
     fault::refuse(&["Firmware is for another chip, the STM32", WIRING.chip])

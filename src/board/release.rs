@@ -27,6 +27,7 @@ use super::{
 };
 
 /// Releases a task.
+#[inline]
 pub(super) fn pend(task: Task) {
     match task {
         Task::SegmentStart => pend_vector(SEGMENT_START),
@@ -36,6 +37,7 @@ pub(super) fn pend(task: Task) {
 }
 
 /// Releases a task by its vector, and records the time.
+#[inline]
 pub(super) fn pend_vector(vector: Interrupt) {
     trace::release(vector);
     rtic::pend(vector);
@@ -45,10 +47,13 @@ pub(super) fn pend_vector(vector: Interrupt) {
 pub(crate) struct ChipPlatform;
 
 impl Platform for ChipPlatform {
+    #[inline]
     fn pend(&mut self, task: Task) {
         pend(task);
     }
 
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
     #[expect(unsafe_code, reason = "two vectors of one register")]
     fn release(&mut self, release: Release) {
         const { assert!(PREPARE as u16 / 32 == 0 && WAKE as u16 / 32 == 0) };
@@ -64,6 +69,7 @@ impl Platform for ChipPlatform {
         unsafe { (*NVIC::PTR).ispr[0].write(mask) };
     }
 
+    #[inline]
     fn set_duty(&mut self, duty: u16) {
         outputs::set_duty(duty);
     }

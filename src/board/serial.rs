@@ -11,25 +11,17 @@
 //! The receiving functions are inlined into `serial_rx` and into code in RAM: nothing in flash may
 //! run while flash is erased. A run without a byte, or with a damaged byte, is off the path of the other runs: one
 //! comparison finds both. What all paths need is read once, before they part: each line of flash more takes some of the
-//! cache from all others. The queues of the session are small and come first in its memory: short offsets reach them.
-//! The status of the port is read only while bytes wait to be sent.
+//! cache from all others.
 
 use core::{fmt, hint::cold_path};
 
-use heapless::spsc::Producer;
 use leadscrew::{
-    machine::{Inputs, Snapshot},
     model::{Requests, queues::SENT_RING},
-    path::Entry,
-    protocol::{ByteReader, ByteWriter, DamagedByte, IncomingWriter, Progress, Session},
-    settings::{Change, Erasing, StoreError, Stored, ToolTable},
-    stepper::{EventTap, SegmentRing},
-    tasks::{self, SessionIo},
+    protocol::{ByteReader, DamagedByte, IncomingWriter},
+    tasks,
 };
 
-use super::{
-    chosen::Usart, pac::usart1::RegisterBlock as UsartRegisters, pins, pwm, release::ChipPlatform,
-};
+use super::{chosen::Usart, pac::usart1::RegisterBlock as UsartRegisters, release::ChipPlatform};
 
 /// The receiving half of the USART, owned by `serial_rx`.
 pub(crate) struct Receiver(Usart);
@@ -45,6 +37,7 @@ impl Receiver {
     }
 
     /// Runs `serial_rx`.
+    #[inline]
     pub(crate) fn serve(&mut self, reception: &mut IncomingWriter<'_>) {
         receive(&self.0, reception);
     }
@@ -131,26 +124,26 @@ impl FlashEraseReceiver {
 }
 
 /// The sending half of the USART, with the queue of bytes to be sent.
-struct Transmitter(ByteReader<'static>);
+pub(super) struct Transmitter(ByteReader<'static>);
 
 impl Transmitter {
     /// Returns a transmitter of the bytes of a queue.
-    const fn new(sent: ByteReader<'static>) -> Self {
+    pub(super) const fn new(sent: ByteReader<'static>) -> Self {
         Self(sent)
     }
 
     /// Returns whether no byte waits.
-    fn is_done(&self) -> bool {
+    pub(super) fn is_done(&self) -> bool {
         self.0.is_empty()
     }
 
     /// Sends the next byte, if the USART takes one now.
-    fn send_next(&mut self, requests: &Requests) {
+    pub(super) fn send_next(&mut self, requests: &Requests) {
         self.send(1, requests);
     }
 
     /// Sends the bytes that the USART takes now.
-    fn send_all(&mut self, requests: &Requests) {
+    pub(super) fn send_all(&mut self, requests: &Requests) {
         self.send(SENT_RING, requests);
     }
 
@@ -173,81 +166,6 @@ impl Transmitter {
             true
         });
         tasks::serial_tx(before, self.0.len(), requests, &mut ChipPlatform);
-    }
-}
-
-/// The session, its queues and the transmitter, shared by `interpret`, `report` and `idle`.
-#[expect(unreachable_pub, reason = "RTIC wants what is locked to be public")]
-#[repr(C)]
-pub struct SerialSession {
-    received: ByteReader<'static>,
-    sent: ByteWriter<'static>,
-    transmitter: Transmitter,
-    session: &'static mut Session,
-    events: EventTap<'static>,
-}
-
-impl SerialSession {
-    /// Joins a session with the queues of received bytes and of bytes to be sent.
-    pub(crate) const fn new(
-        session: &'static mut Session,
-        received: ByteReader<'static>,
-        (sent, sent_out): (ByteWriter<'static>, ByteReader<'static>),
-        events: EventTap<'static>,
-    ) -> Self {
-        Self {
-            received,
-            sent,
-            transmitter: Transmitter::new(sent_out),
-            session,
-            events,
-        }
-    }
-
-    /// Runs `interpret`, whose changes `store` stores. Returns its progress.
-    pub(crate) fn run(
-        &mut self,
-        snapshot: &Snapshot,
-        requests: &Requests,
-        inputs: &Inputs,
-        segments: &SegmentRing,
-        entries: &mut Producer<'static, Entry>,
-        store: impl FnOnce(Change, Erasing, &Stored, &ToolTable) -> Result<(), StoreError>,
-    ) -> Progress {
-        self.session.set_late_events(self.events.late());
-        pins::follow_standing_order(self.session.settings(), inputs);
-        let io = self.io();
-        let platform = &mut ChipPlatform;
-        let progress = tasks::interpret(io, snapshot, requests, segments, entries, store, platform);
-        // Settings change at rest only, and nothing moves before the session goes on.
-        pins::configure_if_changed(self.session.settings());
-        pwm::configure(self.session.settings());
-        self.transmitter.send_all(requests);
-        progress
-    }
-
-    /// Runs `report`. Returns its progress.
-    pub(crate) fn report(&mut self, snapshot: &Snapshot, requests: &Requests) -> Progress {
-        let progress = tasks::report(self.io(), snapshot, requests);
-        self.transmitter.send_all(requests);
-        progress
-    }
-
-    const fn io(&mut self) -> SessionIo<'_, 'static> {
-        SessionIo {
-            session: self.session,
-            received: &mut self.received,
-            sent: &mut self.sent,
-        }
-    }
-
-    /// Sends a byte if any waits and the port takes one, for `idle`. Returns whether any waited.
-    pub(crate) fn send_remaining(&mut self, requests: &Requests) -> bool {
-        let has_waiting = !self.transmitter.is_done();
-        if has_waiting {
-            self.transmitter.send_next(requests);
-        }
-        has_waiting
     }
 }
 

@@ -1,8 +1,8 @@
 //! What outlives power, in the chip's flash or in an EEPROM, and the session that is made of its contents.
 //!
 //! # Cost
-//! RTIC lets the first tasks run while the frame of the initialisation is still on the stack. So what is
-//! large is made by functions out of line, one after the other, and has its place in [`Memory`]. Nothing is in
+//! RTIC lets the first tasks run while the frame of the initialisation is still on the stack. So large values
+//! are made one after the other, and have their places in [`Memory`]. Nothing is in
 //! these places before: an initial value would be kept in flash, with all zeros of its queues.
 
 use core::mem::MaybeUninit;
@@ -95,6 +95,7 @@ impl Memory {
     }
 }
 
+#[inline(never)]
 fn make_session(
     memory: &'static mut MaybeUninit<Session>,
     loaded: &Loaded,
@@ -105,6 +106,7 @@ fn make_session(
 }
 
 impl Storage {
+    #[inline(never)]
     fn load(&mut self) -> Loaded {
         let mut loaded = self.0.load().unwrap_or_default();
         loaded.stored.settings.step_rate = proven::step_rate();

@@ -71,6 +71,8 @@ pub(crate) fn pause(cycles: u32) {
 }
 
 /// Feeds the watchdog. Also from RAM, where nothing in flash may be called.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 #[expect(unsafe_code, reason = "several places feed it")]
 pub(crate) fn feed() {
     // SAFETY: the key has no other effect than to feed.

@@ -47,7 +47,8 @@ pub struct Snapshot {
     pub blocks_free: u16,
     /// Number of entries finished, wrapping: all are when it equals the number of entries sent.
     pub finished: u32,
-    /// Whether no axis moves and no event is queued.
+    /// Whether the machine stands still with nothing left to execute: a hold with moves left is a standstill, but no
+    /// rest.
     pub is_at_rest: bool,
     /// Number of resets handled so far, wrapping.
     pub reset_count: u32,

@@ -1,6 +1,6 @@
 //! Requests in real time, from the receiver and the buttons to the tasks that act on them.
 //!
-//! Written by `serial_rx`, `inputs` and `idle`; every other task only reads them or clears them.
+//! Each field is set at one priority, which its method names; other tasks read or clear it.
 //!
 //! # Cost
 //! Requests are plain loads and stores: each flag is set at one priority and cleared by one reader of lower priority.
@@ -50,7 +50,7 @@ impl Awaited {
     /// Several entries dequeued by `prepare`, or one entry and a number of segments: with many
     /// entries to enqueue, `interpret` need not run for each.
     pub const ENTRIES_BATCHED: Self = Self(16);
-    /// Every event.
+    /// Every event, each as it comes: none is batched.
     pub const ALL: Self = Self(15);
 
     /// Returns the union of two sets.

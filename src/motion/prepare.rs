@@ -7,7 +7,7 @@
 //! interrupt, which is a fault.
 //!
 //! # Cost
-//! Each run makes one segment or does one [`Job`], so the longest of them bounds the run. Segments are what most runs
+//! Each run makes a segment, or a sample of the reference motion, or does a [`Job`], so the longest of them bounds the run. Segments are what most runs
 //! make: such a run reads and publishes little, and all jobs are out of line. The fields of [`Motion`] are in this
 //! order in memory: fields that each run reads are near its beginning, where one instruction reaches them; the plan,
 //! which is large, comes last.
@@ -134,9 +134,9 @@ enum Activity {
 struct HandledRequests {
     /// The newest reset.
     reset_count: u32,
-    /// All requests, by their count.
+    /// Number of requests.
     requests: u32,
-    /// Start of the segment played then, or of any that is longer ago than matters.
+    /// Start of the segment played then, moved up by `age_handled`, so that the wrapping clock never makes it look new.
     ticks: u32,
 }
 
@@ -147,7 +147,7 @@ struct SegmentQueue {
     newest: u32,
     /// The standstill after the last motion.
     standstill: Option<u32>,
-    /// The segment that was played when there was no room for another.
+    /// The segment that was played when the event ring had no room for another.
     full: Option<u32>,
     /// At standstill: the next run makes a segment.
     is_first_next: bool,

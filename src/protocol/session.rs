@@ -9,7 +9,7 @@
 //! line in execution ([`LineExecution`]), the path on its way to the machine ([`Path`]), the path beside
 //! the programmed one ([`CutterPath`]), changes to be stored ([`Persistence`]), the change of a tool
 //! ([`ToolChange`]), reports, messages to the operator, a break on the line, probing moves, the stream of
-//! positions. Eight files with an `impl Session` join them: `dispatch` and `program` begin a line, `moves`
+//! positions. Seven more files with an `impl Session` join them: `dispatch` and `program` begin a line, `moves`
 //! sends its commands, `persistence` stores its changes, `reset` and `notifications` do what no line asks
 //! for, and `dialect` obeys [`SenderDialect`].
 //!
@@ -111,7 +111,7 @@ pub struct Session {
     cutter_path: CutterPath,
     probing: ProbeRecord,
     tool_change: ToolChange,
-    /// The last break on the line.
+    /// The last break on the serial line.
     line_break: LineBreak,
     /// The dialect in effect, lines with numbers, and what the dialect beside Grbl's needs.
     dialect: Dialect,
@@ -257,7 +257,7 @@ impl Session {
 
     /// One bounded piece of work: a line, or a few while entries wait for the machine.
     ///
-    /// The first call welcomes the sender. Room in `sent` must be possible for one message of
+    /// The first call welcomes the sender. The capacity of `sent` must be at least one message,
     /// [`super::MESSAGE_BYTES`].
     pub fn run<'q>(
         &mut self,

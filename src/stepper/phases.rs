@@ -30,6 +30,7 @@ const DIGIT: u32 = 4;
 const PHASE_BITS: u32 = in_all(PHASES as u32 - 1);
 
 /// Returns 1 in the digits of some axes, bit 0 = X.
+#[inline]
 const fn ones_of(axes: u32) -> u32 {
     let (mut digits, mut axis) = (0, 0);
     // wcet-bound: 6
@@ -41,6 +42,7 @@ const fn ones_of(axes: u32) -> u32 {
 }
 
 /// Returns all bits of the digits of some axes.
+#[inline]
 const fn digits_of(axes: u32) -> u32 {
     ones_of(axes) * 0xf
 }
@@ -112,6 +114,7 @@ impl Phases {
     }
 
     /// Returns the phases after an event: at the beginning of a pulse the motor steps, at its end nothing happens.
+    #[inline]
     #[must_use]
     pub const fn after(mut self, event: StepEvent, steps: PhaseSteps) -> Self {
         if let Some(negative) = event.directions() {
@@ -125,6 +128,7 @@ impl Phases {
     }
 
     /// Returns the phase of an axis, below [`PHASES`].
+    #[inline]
     #[must_use]
     pub const fn phase(self, axis: usize) -> usize {
         (self.phases >> (DIGIT * axis as u32)) as usize % PHASES
@@ -158,17 +162,20 @@ impl PhaseDrive {
     }
 
     /// Sets up an event, and returns the phases after it.
+    #[inline]
     pub const fn set_up(&mut self, event: StepEvent) -> Phases {
         self.next = self.phases.after(event, self.steps);
         self.next
     }
 
     /// The event that is set up is output.
+    #[inline]
     pub const fn output(&mut self) {
         self.phases = self.next;
     }
 
     /// The event that is set up will not be output.
+    #[inline]
     pub const fn give_up(&mut self) {
         self.next = self.phases;
     }

@@ -20,11 +20,9 @@
 //!
 //! # Cost
 //! A step costs the same with any number of axes: 50 cycles at most by `Periodic`, 70 of the dominant
-//! axis, and 83 by `Delayed` (`docs/benchmarks.md`). Each method is a loop of its own, so short that it stays in the
-//! instruction cache beside the most frequent tasks: hence `inline(always)` on the parts of two loops, and
-//! `inline(never)` on the loops. [`Cursor::schedule`] is inline so that a loop keeps the cursor in registers. Where
-//! neighbours seldom have to move, the function for it is out of line. The order of the fields of [`Slots`] in memory
-//! is fixed: the bits are where one instruction reaches them.
+//! axis, and 83 by `Delayed` (`docs/benchmarks.md`). Each method is a loop of its own (`inline(never)`), so short that it
+//! stays in the instruction cache beside the most frequent tasks. The order of the fields of [`Slots`] in memory is
+//! fixed: the bits are where one instruction reaches them.
 
 use core::num::NonZeroU32;
 
@@ -40,7 +38,7 @@ pub(super) const SLOT_TICKS_SIGNED: i32 = SLOT_TICKS.cast_signed();
 /// Number of slots: for a segment of 1.5 ms, 985 slots, that delayed events make longer, and the
 /// pulses after it. [`SLOT_SHIFT`] relies on the power of two.
 const SLOTS: u32 = 2048;
-/// Events that move away from the end of a segment, at most: bounds the time of that. In a longer row
+/// Events that move away from the end of a segment, at most: bounds the cost of moving them. In a longer row
 /// the events come up to a spacing later, and so does the first event of the next segment: within
 /// [`STEP_JITTER_TICKS`](super::STEP_JITTER_TICKS).
 const MAX_MOVED_NEIGHBOURS: u32 = 8;
@@ -157,7 +155,7 @@ pub(super) struct Placement {
     pub(super) offset_ticks: u32,
     /// The axis' bit.
     pub(super) axis_mask: u32,
-    /// The axes whose events before a step do not move to let it keep its time, bit 0 = X.
+    /// The axes whose events keep their time when a step needs room before it, bit 0 = X.
     pub(super) fixed_axes: u32,
     /// From a step to the end of its pulse.
     pub(super) pulse_slots: u32,
@@ -171,6 +169,7 @@ pub(super) struct Placement {
 
 impl Placement {
     /// Returns the method for the steps of the axis.
+    #[inline]
     pub(super) fn method(&self, steps: &AxisSteps) -> Method {
         let min_period = (self.pulse_slots + self.low_slots) * SLOT_TICKS;
         let slot = (self.offset_ticks + steps.next_ticks) / SLOT_TICKS;
@@ -197,7 +196,7 @@ impl Placement {
             let slot = time_fixed >> SLOT_SHIFT;
             if slots.is_occupied(slot.wrapping_sub(1)) {
                 let ticks = (time_fixed >> TIME_FRACTION_BITS) % SLOT_TICKS;
-                slots.move_neighbours_earlier_out_of_line(slot, fixed_axes, ticks);
+                slots.move_neighbours_earlier(slot, fixed_axes, ticks);
             }
         });
     }
@@ -216,6 +215,8 @@ impl Placement {
 
     /// Adds steps at their times. The slot and the ticks in it are in one word, which wraps as slots
     /// do.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "two loops are made from it")]
     fn add_in_time(
         &mut self,
         slots: &mut Slots,
@@ -245,6 +246,8 @@ impl Placement {
     }
 
     /// Adds steps at their times, or as soon after them as the pulse before allows.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "two loops are made from it")]
     fn add_later(
         &mut self,
         slots: &mut Slots,
@@ -295,6 +298,8 @@ pub(super) struct Cursor {
 
 impl Cursor {
     /// Returns an event at a time, or as soon after it as the event before allows.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "see `Cost`")]
     pub(super) fn schedule(&mut self, time: i32, event: StepEvent) -> StepEvent {
         let time = time.max(self.last_ticks + SLOT_TICKS_SIGNED);
         let ticks = (time - self.last_ticks).cast_unsigned();
@@ -307,6 +312,7 @@ impl Cursor {
     }
 
     /// Returns an event, marked if it is the first of the segment.
+    #[inline]
     pub(super) fn mark_boundary(&mut self, event: StepEvent) -> StepEvent {
         if core::mem::take(&mut self.is_at_boundary) {
             event.at_boundary()
@@ -324,17 +330,20 @@ impl Slots {
     };
 
     /// The event of a slot, or none.
+    #[inline]
     fn event_in(&mut self, slot: u32) -> &mut StepEvent {
         &mut self.events[(slot % SLOTS) as usize]
     }
 
     /// The bits of a slot and its neighbours in a word.
+    #[inline]
     fn occupied_word(&mut self, slot: u32) -> &mut u32 {
         &mut self.occupied[(slot % SLOTS / WORD_BITS) as usize]
     }
 
     /// Adds a step of the axes in `axes` at `ticks` from the slot's start: steps of other axes in the
     /// slot move there, too.
+    #[inline]
     pub(super) fn add_step(&mut self, slot: u32, axes: u32, ticks: u32) {
         let event = self.event_in(slot);
         *event = event
@@ -345,6 +354,7 @@ impl Slots {
 
     /// Moves the events in the slots right before a step, so that the step need not wait: each comes
     /// no later in its slot than the step in its own. An event of `fixed_axes` ends the row.
+    #[inline]
     fn move_neighbours_earlier(&mut self, slot: u32, fixed_axes: u32, ticks: u32) {
         let mut before = slot.wrapping_sub(1);
         // wcet-bound: 2048, wcet-total: neighbours
@@ -355,16 +365,13 @@ impl Slots {
     }
 
     /// Returns whether a slot has an event.
+    #[inline]
     fn is_occupied(&mut self, slot: u32) -> bool {
         *self.event_in(slot) != StepEvent::NONE
     }
 
-    /// Does the same as [`Slots::move_neighbours_earlier`].
-    fn move_neighbours_earlier_out_of_line(&mut self, slot: u32, fixed_axes: u32, ticks: u32) {
-        self.move_neighbours_earlier(slot, fixed_axes, ticks);
-    }
-
     /// Returns the event of a slot, if there is one and it is of none of `fixed_axes`.
+    #[inline]
     fn movable_event(&mut self, slot: u32, fixed_axes: u32) -> Option<&mut StepEvent> {
         let event = self.event_in(slot);
         let is_fixed = event.bits() & StepEvent::new(0, fixed_axes, fixed_axes).bits() != 0;
@@ -384,6 +391,7 @@ impl Slots {
     }
 
     /// Adds the end of pulses.
+    #[inline]
     pub(super) fn add_pulse_end(&mut self, slot: u32, axes: u32) {
         self.add(slot, StepEvent::new(0, 0, axes));
     }
@@ -400,6 +408,7 @@ impl Slots {
     }
 
     /// Adds an event to a slot.
+    #[inline]
     fn add(&mut self, slot: u32, event: StepEvent) {
         let slot_event = self.event_in(slot);
         *slot_event = slot_event.merged_with(event);
@@ -414,6 +423,7 @@ impl Slots {
 
     /// Clears the bits of a word of slots but for those of `later`. Returns the bits cleared and the
     /// events of the word's slots.
+    #[inline]
     fn drain_word(
         &mut self,
         first: u32,
@@ -428,6 +438,7 @@ impl Slots {
 
     /// Moves the events of all slots before `end` to the ring, which has room for them. Times count
     /// from the start of the slot `base`.
+    #[inline(never)]
     pub(super) fn drain(
         &mut self,
         base: u32,
@@ -491,11 +502,13 @@ impl Slots {
 }
 
 /// Returns the index of the first bit that is set, from the highest.
+#[inline]
 fn first_set(bits: u32) -> Option<u32> {
     NonZeroU32::new(bits).map(NonZeroU32::leading_zeros)
 }
 
 /// Returns the bit of a slot in its word.
+#[inline]
 const fn bit(slot: u32) -> u32 {
     1 << (WORD_BITS - 1) >> (slot % WORD_BITS)
 }

@@ -2,7 +2,7 @@
 //!
 //! The step interrupt counts no steps. But the ring keeps the events played last, and each segment has
 //! the position at its start; between the two are the pulses of these events. An interrupt that needs the position
-//! reads a number, [`EventTap::output_count`](super::EventTap::output_count), and `prepare` counts the pulses before it
+//! reads a single number, [`EventTap::output_count`](super::EventTap::output_count), and `prepare` counts the pulses before it
 //! overwrites the events.
 //!
 //! # Cost
@@ -39,6 +39,7 @@ impl PulseCounts {
     const NONE: Self = Self([0; AXES.div_ceil(AXES_IN_WORD)]);
 
     /// Counts a pulse of each axis in `mask`.
+    #[inline]
     fn add(&mut self, mask: u32) {
         /// Moves bits 1 and 2 to those of the second and the third axis, among others.
         const SPREAD: u32 = 1 << (2 * (COUNT_BITS - 1)) | 1 << (COUNT_BITS - 1) | 1;
@@ -63,6 +64,7 @@ impl PulseCounts {
 ///
 /// The event and its segment must be among the last [`EVENT_RING`] and
 /// [`SEGMENT_RING`](crate::model::queues::SEGMENT_RING): one run of `prepare` does not overwrite more.
+#[inline(never)]
 #[must_use]
 pub fn steps_after(
     output: u32,

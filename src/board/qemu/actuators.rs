@@ -23,24 +23,29 @@ impl Actuators {
 }
 
 impl Platform for Actuators {
+    #[inline]
     fn pend(&mut self, task: Task) {
         pend(task);
     }
 
+    #[inline]
     fn set_duty(&mut self, duty: u16) {
         outputs::set_duty(duty);
     }
 }
 
 impl PreparePlatform for Actuators {
+    #[inline]
     fn take_delay_end(&mut self) -> bool {
         qemu::take_delay_end()
     }
 
+    #[inline]
     fn start_delay(&mut self, delay_ms: u16) {
         qemu::start_delay(delay_ms);
     }
 
+    #[inline]
     fn switch(&mut self, outputs: &Outputs) {
         if *outputs != self.0.0 {
             self.0.apply(outputs);

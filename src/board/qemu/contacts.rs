@@ -18,16 +18,19 @@ impl SampleTimer {
     }
 
     /// Takes the release of `inputs` for a sample.
+    #[inline]
     pub(super) fn take_due(&mut self) -> bool {
         qemu::take_sample_release()
     }
 
     /// Begins periods of samples.
+    #[inline]
     pub(super) fn start_sampling(&mut self) {
         qemu::sample_every(SAMPLE_TICKS);
     }
 
     /// Ends them.
+    #[inline]
     pub(super) fn stop_sampling(&mut self) {
         qemu::sample_every(0);
     }

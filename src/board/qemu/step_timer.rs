@@ -18,6 +18,7 @@ pub(super) fn set_up(event: StepEvent) {
 
 /// Lets the stand-in interrupt at the time that has been set up; the time to the interrupt after it is the time of an
 /// event.
+#[inline]
 #[expect(unsafe_code, reason = "the interrupt owns the timer")]
 pub(super) fn start(following: StepEvent) {
     set_reload(following);

@@ -3,6 +3,7 @@
 use super::pac;
 
 /// Returns the time, ns.
+#[inline]
 #[expect(unsafe_code, reason = "a timer that nobody owns")]
 pub(super) fn now() -> u32 {
     // SAFETY: reads a register without side effects.

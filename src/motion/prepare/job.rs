@@ -1,13 +1,13 @@
-//! What a run of `prepare` does: it makes a segment, or does a job, entries among them. Another run
-//! follows while there is more to do.
+//! What a run of `prepare` does: it makes a segment, or a sample of the reference motion, or does a job, entries
+//! among them. Another run follows while there is more to do.
 //!
 //! In order of precedence: what stops the machine; requests, but not again and again; a segment
 //! that is due; positions to be latched; the plan; entries; a first segment; standstill. Whatever
 //! comes meanwhile counts in the next run. At standstill no segment is due: [`Job::FirstSegment`]
 //! has the next run make one.
 //!
-//! A run begins with one decision, [`NextRun`]. At its end `needs_segment` and `has_other_job` say whether
-//! another run follows at once.
+//! A run begins with one decision, [`NextRun`]. After a job `needs_segment` and `has_other_job` say whether
+//! another run follows at once; after a segment, room in the queues takes the place of `needs_segment`.
 
 use heapless::spsc::Consumer;
 
@@ -24,7 +24,7 @@ use crate::{
     units::TICKS_PER_MS,
 };
 
-/// Motion played between two runs for requests that precede a segment which is due, ticks: bounds
+/// Least motion played between two runs that handle requests while a segment is due, ticks: bounds
 /// how much a flood of bytes delays segments (`task.prepare.mode.requests` in schedule.toml). Other
 /// requests wait until no segment is due.
 const REQUEST_INTERVAL_TICKS: u32 = 5 * TICKS_PER_MS;
@@ -143,7 +143,7 @@ impl Motion {
         } else if self.can_dequeue_next(conditions, entries) {
             Job::Dequeue
         } else if conditions.is_running || self.generator.is_open() {
-            // A segment would be due.
+            // In motion, `next_run` has found that no segment is due.
             Job::None
         } else if self.needs_segment(conditions, segments) {
             if self.waits_before_motion() {

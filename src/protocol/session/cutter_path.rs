@@ -1,4 +1,4 @@
-//! Moves beside the programmed path, and when the machine gets them.
+//! Cutter compensation (`G41`, `G42`): moves offset from the programmed path, and when they are sent.
 //!
 //! A line is answered when it has been accepted, although its move waits for the next move: a sender that waits for
 //! each answer would stand still otherwise. The machine stops at the start of a move that waits when nothing follows.

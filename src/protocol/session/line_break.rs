@@ -1,8 +1,8 @@
-//! A break on the line: an operator's or a cable's, after which the machine is held.
+//! A break condition on the serial line: an operator's or a cable's, after which the machine is held.
 
 use crate::model::State;
 
-/// A break on the line that has not had its whole effect yet.
+/// A break on the serial line that has not had its whole effect yet.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum LineBreak {
     /// There is none.

@@ -1,4 +1,4 @@
-//! The line in execution: its requests, and the part that has been sent.
+//! The line in execution: its text, the result of its check, and its commands.
 
 use crate::{
     axis::{AXES, Axes},

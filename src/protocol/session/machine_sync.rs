@@ -21,7 +21,7 @@ pub(super) struct MachineSync {
     pub(super) is_position_known: bool,
     /// Whether the entries that are not done are jogs.
     pub(super) is_jogging: bool,
-    /// A reset has been requested, or something else of which `prepare` does not know.
+    /// `prepare` has to run: a reset or another request was made here.
     pub(super) has_release_request: bool,
     /// The next line of the program follows a refused one, and the machine is held before it: `$796`.
     pub(super) follows_refused: bool,
@@ -49,8 +49,8 @@ impl MachineSync {
         self.reset_count.wrapping_add(self.cancelled_motions)
     }
 
-    /// Sends work, up to whose end all moves last so long. The caller has made sure of room; after standstill the queue
-    /// is empty.
+    /// Sends work; `end_ms` is the duration of all moves so far, its own included. The caller has made sure of room;
+    /// after standstill the queue is empty.
     pub(super) fn send(&mut self, work: Work, end_ms: u32, entries: &mut Producer<'_, Entry>) {
         let is_speed = matches!(work, Work::Speed(_));
         let cancellation_count = self.cancellation_count();
@@ -65,7 +65,7 @@ impl MachineSync {
         }
     }
 
-    /// Counts an entry that has been sent, up to whose end all moves last so long.
+    /// Counts a sent entry; `end_ms` is the duration of all moves so far, its own included.
     #[inline]
     pub(super) fn count_entry(&mut self, end_ms: u32) {
         self.entered = self.entered.wrapping_add(1);

@@ -182,7 +182,7 @@ impl Session {
     }
 
     /// Sets the position after a probing move: the position of the machine; the target, after a miss;
-    /// or the start, if the move has not been begun. Behind a contact the offset follows that is to be set there.
+    /// or the start, if the move has not been begun. After a contact the offset that the line sets there is stored.
     fn end_probing(&mut self, machine: &Snapshot) -> Progress {
         let programmed = if !self.probing.has_ended {
             ProgrammedPosition::At(self.probing.start)
@@ -210,8 +210,8 @@ impl LineExecution {
     /// with.
     ///
     /// # Errors
-    /// Nothing has been dequeued, and nothing has changed, for any other line, where more than the
-    /// words decides, and for an incomplete line.
+    /// [`NotPlain`] for an incomplete line, a line with other words, and where the state of the machine decides. Nothing
+    /// is dequeued, and only the plain words are kept.
     fn execute_plain(
         &mut self,
         sync: &MachineSync,
@@ -305,7 +305,7 @@ impl Path {
                 return false;
             }
             let drills = line.drilling == Some(*next);
-            // Of one that has begun, the remainder follows.
+            // Where a take-up of backlash has divided the command, the remainder follows: no new hole or chord.
             if !self.router.is_within_command() {
                 if drills && !line.take_drilling_command(*next) {
                     *next += 1;
@@ -381,8 +381,8 @@ impl Path {
         self.sync.lasts_longer_than(braking_ms as u32, machine)
     }
 
-    /// Sends a command of a line before, which may have waited, to the machine, or to the blender before
-    /// it. Returns false when there is no room.
+    /// Sends a command released by the compensation, perhaps of an earlier line, to the machine or to the blender.
+    /// Returns false when there is no room.
     pub(super) fn send_one(
         &mut self,
         command: &Command,

@@ -19,7 +19,7 @@ struct OperatorMessage {
     due: u32,
 }
 
-/// Those of the program, in their order.
+/// The messages that wait, in the order of their lines.
 #[derive(Debug, Default)]
 pub(super) struct OperatorMessages(Deque<OperatorMessage, MAX_WAITING>);
 

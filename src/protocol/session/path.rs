@@ -108,8 +108,8 @@ impl Path {
         self.sync.is_position_known = true;
     }
 
-    /// Has the path go on from the whole steps of a machine at standstill, where `prepare` goes on that has dropped
-    /// what was left, or takes over settings. Nothing else does where a path begins that is not the end of another.
+    /// Continues the path from the whole steps of the machine, at standstill. `prepare` does the same after it has
+    /// dropped its plan or adopted settings. Only here does a path begin elsewhere than at the end of the last one.
     pub(super) fn continue_from(
         &mut self,
         machine: &Snapshot,

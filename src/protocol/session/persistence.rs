@@ -56,7 +56,7 @@ enum StoreState {
     Finished(Change, Result<(), StoreError>),
     /// It has waited, is in effect, and the platform is to store it.
     Postponed(Change),
-    /// Stored, but a reset came before it took effect.
+    /// Stored values take effect at the next standstill: a reset came in between, or a dialect wants them back.
     Deferred,
 }
 

@@ -29,7 +29,7 @@ impl Default for QueuedDuration {
 }
 
 impl QueuedDuration {
-    /// Adds an entry, up to whose end all moves last so long: [`Router::duration_ms`](crate::path::Router::duration_ms).
+    /// Adds an entry; `end_ms` is [`Router::duration_ms`](crate::path::Router::duration_ms), its own included.
     #[inline]
     pub(super) fn add(&mut self, end_ms: u32) {
         self.count = self.count.wrapping_add(1);

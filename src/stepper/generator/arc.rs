@@ -51,6 +51,7 @@ impl ArcInSegments {
     }
 
     /// Returns a step of the segment.
+    #[inline]
     fn step(&self, number: usize) -> Option<ArcStep> {
         (number < self.count)
             .then(|| self.steps.get(number).copied())
@@ -76,6 +77,7 @@ impl ArcInSegments {
 
 impl Generator {
     /// Goes on to the start of an arc in whole steps, at the end of the last segment.
+    #[inline(never)]
     pub fn enter_arc(&mut self, arc: &StepArc) {
         self.arc.progress.enter(arc);
     }
@@ -87,6 +89,7 @@ impl Generator {
 
     /// Begins the steps of the arc in the segment, behind others in `directions`. Returns the directions at its
     /// beginning.
+    #[inline(never)]
     pub(super) fn begin_arc(&mut self, mut directions: u8) -> u8 {
         self.arc.count = 0;
         let Some(segment) = self.arc.next.take() else {
@@ -124,6 +127,7 @@ impl Generator {
     }
 
     /// Adds the steps of the arc to the slots behind those of all other axes: each later than the one before.
+    #[inline(never)]
     pub(super) fn add_arc_steps(&mut self) {
         let mut free = self.first_slot.cast_signed();
         let mut number = 0;
@@ -157,6 +161,7 @@ impl Generator {
 
     /// Adds steps from a number on, in the slot `free` and after it, up to a step with another direction. Returns the
     /// number of this step, and the slot after the last added one.
+    #[inline]
     fn add_arc_steps_up_to_reversal(&mut self, mut number: usize, mut free: i32) -> (usize, i32) {
         let base = self.base_slot;
         let pulse = pulse_slots(self.pulse_ticks);
@@ -191,6 +196,7 @@ impl Generator {
     }
 
     /// Takes the steps of the arc that will not be made off the position.
+    #[inline(never)]
     pub(super) fn withdraw_arc(&mut self) {
         let mut number = 0;
         // wcet-bound: 6

@@ -211,7 +211,7 @@ fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
         script.extend(start(bench.axes));
         script.push(Act::Want(Wanted::Erased(2)));
     }
-    script.extend(states::script(&wiring, right));
+    script.extend(states::script(wiring, right));
     script.push(Act::Part("states of bootloaders"));
     for (number, (name, _)) in STATES.into_iter().enumerate() {
         if number == 0 || !is_short {
@@ -288,12 +288,12 @@ fn everyday(axes: usize, has_limit: bool) -> Vec<Act> {
     script.extend([
         Act::State("Idle"),
         Act::Want(Wanted::Position),
-        Act::Want(Wanted::Resets(&["Pin"])),
+        Act::Want(Wanted::Resets(&["Pin", "Pin"])),
     ]);
     script
 }
 
-/// A setting is kept by a reset of Grbl and by one of the chip, which forgets where it is.
+/// Stored values outlive a reset of Grbl and a reset of the chip, which forgets the position; then all are restored.
 fn settings_and_resets() -> Vec<Act> {
     let want_lines = |beginning: &str, times| Act::Want(Wanted::Lines(beginning.into(), times));
     vec![
@@ -316,11 +316,19 @@ fn settings_and_resets() -> Vec<Act> {
         Act::line("$$"),
         want_lines("$120=200.000", 2),
         Act::line("$I"),
-        want_lines("[VER:1.1h.20", 2),
+        want_lines("[VER:1.1h.20190830:SHOP7]", 1),
         Act::line("$#"),
         want_lines("[G54:5.000,", 1),
-        Act::line("G21G10L2P1X0"),
-        Act::line("$N0="),
+        // Everything returns to its default.
+        Act::Bytes(b"$RST=*\n"),
+        Act::Await("Grbl "),
+        Act::Reset,
+        Act::Await("Grbl "),
+        Act::line("$$"),
+        // A new board has listed its settings as well.
+        want_lines("$120=10.000", 2),
+        Act::line("$#"),
+        want_lines("[G54:0.000,", 1),
         Act::State("Idle"),
     ]
 }

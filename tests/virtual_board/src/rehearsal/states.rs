@@ -2,14 +2,14 @@
 
 use board_data::{Input, Wiring};
 
-use super::RESET;
+use super::{MOVE_ALL_THE_SAME, RESET};
 use crate::script::{Act, PowerUp, Wanted};
 
 /// Feed override to 200 %, that of rapids to 25 %, that of the spindle to 90 %.
 const OVERRIDES: &[u8] = &[
     0x91, 0x91, 0x91, 0x91, 0x91, 0x91, 0x91, 0x91, 0x91, 0x91, 0x97, 0x9b,
 ];
-/// Acceptable speed and acceleration, with which motion takes little time.
+/// Speed and acceleration of X, with which motion takes little time.
 const FAST: [&str; 2] = ["$110=3000", "$120=500"];
 
 /// What a sender and a hand do, and the state that the machine is in afterwards.
@@ -29,13 +29,16 @@ pub(super) fn script(wiring: &Wiring, right: PowerUp) -> Vec<Act> {
     script.extend(backwards.map(|_| Act::Want(Wanted::Active("counter-clockwise"))));
     script.extend(modes());
     script.extend(wiring.spindle.map(|_| Act::Want(Wanted::Off("spindle"))));
-    if wiring.enable.first().is_some() {
+    if !wiring.enable.is_empty() {
         script.extend([Act::line("$1=5"), Act::line("G91G0X-1"), Act::State("Idle")]);
         script.extend([Act::Pause(50), Act::Want(Wanted::Off("enable 0"))]);
     }
     script.extend([
         Act::Bytes(b"$SLP\n"),
         Act::State("Sleep"),
+        Act::Bytes(MOVE_ALL_THE_SAME),
+        Act::Pause(100),
+        Act::Want(Wanted::Position),
         Act::Bytes(RESET),
         Act::Await("Grbl "),
         Act::line("$X"),

@@ -30,12 +30,7 @@ impl Run {
                 let was_active = switchings.any(|(_, of, is_active)| of == name && *is_active);
                 (!was_active).then(|| format!("{name} is not switched on"))
             }
-            Wanted::Off(name) => {
-                let switchings = self.plant.switchings[self.marks.switchings..].iter();
-                let last = switchings.rev().find(|(_, of, _)| of == name);
-                let is_on = last.is_none_or(|(_, _, is_active)| *is_active);
-                is_on.then(|| format!("{name} is not switched off"))
-            }
+            Wanted::Off(name) => self.still_on(name),
             Wanted::Moved(count) => {
                 self.plant
                     .not_moved(self.marks.steps, self.marks.energised, *count)
@@ -88,6 +83,13 @@ impl Run {
         };
         let is_same = but_one(self.settings_listed()) == but_one(self.remembered.clone());
         (!is_same).then(|| format!("other settings than {but} have changed"))
+    }
+
+    fn still_on(&self, name: &str) -> Option<String> {
+        let switchings = self.plant.switchings[self.marks.switchings..].iter();
+        let last = switchings.rev().find(|(_, of, _)| of == name);
+        let is_on = last.is_none_or(|(_, _, is_active)| *is_active);
+        is_on.then(|| format!("{name} is not switched off"))
     }
 
     fn other_resets(&self, wanted: &[&str], session: &Session<Machine>) -> Option<String> {

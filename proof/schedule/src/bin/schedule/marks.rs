@@ -34,6 +34,12 @@ const MARKS: [&str; 4] = [
     "#[cold]",
 ];
 
+/// What excuses a mark without which code in RAM may call a function in flash. Images of tests are not analysed.
+const IN_RAM: &str = "nothing in flash may be called";
+
+/// Code that is in no image for a chip: no trial would miss its marks.
+const EMULATOR: &str = "src/board/qemu/";
+
 /// A mark: its file from the root of the project, its line from 0, and its text.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct OptimiserMark {
@@ -61,7 +67,7 @@ pub(super) fn run(board: &Board, prefix: &str, write: bool) -> Result<()> {
     let files = SourceFile::all(&copy.folder).map_err(anyhow::Error::msg)?;
     let files = files
         .into_iter()
-        .filter(|file| file.name.starts_with(prefix));
+        .filter(|file| file.name.starts_with(prefix) && !file.name.starts_with(EMULATOR));
     let sources: BTreeMap<_, _> = files.map(|file| (file.name, file.text)).collect();
     let marks: Vec<OptimiserMark> = sources
         .iter()
@@ -90,16 +96,15 @@ pub(super) fn run(board: &Board, prefix: &str, write: bool) -> Result<()> {
     }
     let named = fs::read_to_string(cargo::root().join("schedule.toml"))?;
     for group in groups.values() {
-        let (named, others): (Vec<_>, Vec<_>) = group
-            .iter()
-            .cloned()
-            .partition(|mark| mark.text == "#[inline(never)]" && names(&named, &trial.item(mark)));
-        let reason = || "named in `schedule.toml`".to_owned();
-        trial
-            .kept
-            .extend(named.into_iter().map(|mark| (mark, reason())));
-        if !others.is_empty() {
-            trial.reduce(&others)?;
+        let mut tried = Vec::new();
+        for mark in group {
+            match trial.known_reason(mark, &named) {
+                Some(reason) => drop(trial.kept.insert(mark.clone(), reason.to_owned())),
+                None => tried.push(mark.clone()),
+            }
+        }
+        if !tried.is_empty() {
+            trial.reduce(&tried)?;
         }
     }
     let shown = fs::read_to_string(cargo::root().join(TEXT))?;
@@ -164,6 +169,19 @@ fn without<'a>(
 }
 
 impl Trial<'_> {
+    /// Why a mark stays without a trial, if it does; `named` is `schedule.toml`.
+    fn known_reason(&self, mark: &OptimiserMark, named: &str) -> Option<&'static str> {
+        let text = self.sources.get(&mark.file).map_or("", String::as_str);
+        let excuse = text.lines().skip(mark.line + 1).take(3);
+        if mark.text == "#[inline(never)]" && names(named, &self.item(mark)) {
+            Some("named in `schedule.toml`")
+        } else if excuse.collect::<String>().contains(IN_RAM) {
+            Some("code in RAM, that of the tests on a board too, would call it in flash")
+        } else {
+            None
+        }
+    }
+
     /// Takes out all of some marks, or each half of them by itself.
     fn reduce(&mut self, marks: &[OptimiserMark]) -> Result<()> {
         let Some(reason) = self.try_without(marks)? else {
