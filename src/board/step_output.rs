@@ -2,7 +2,7 @@
 //!
 //! # Cost
 //!
-//! All functions are small enough to be inlined into the calling task. The step interrupt releases `segment_start` by a write that does
+//! Everything is inlined into the calling task; the step interrupt releases `segment_start` by a write that does
 //! nothing for most events, instead of by a branch.
 
 use leadscrew::{

@@ -2,7 +2,7 @@
 //!
 //! # Cost
 //! RTIC lets the first tasks run while the frame of the initialisation is still on the stack. So large values
-//! are made one after the other, and have their places in [`Memory`]. Nothing is in
+//! are made by functions out of line, one after the other, and have their places in [`Memory`]. Nothing is in
 //! these places before: an initial value would be kept in flash, with all zeros of its queues.
 
 use core::mem::MaybeUninit;

@@ -6,7 +6,7 @@
 use super::Inputs;
 use crate::{
     axis::Axes,
-    model::{Coolant, Levels, Notices, Overrides, Probed, Spindle, State, ToolMarks},
+    model::{Coolant, Levels, Notices, Overrides, Probed, Spindle, State, ToolChangeSpan},
     stepper::SegmentRing,
 };
 
@@ -38,7 +38,7 @@ pub struct Snapshot {
     /// The last probing move.
     pub probed: Probed,
     /// Where the operator's lines begin and end, in the last change of a tool.
-    pub tool_marks: ToolMarks,
+    pub tool_marks: ToolChangeSpan,
     /// Notices to the sender.
     pub notices: Notices,
     /// `N` word of the block in execution, 0 without one.

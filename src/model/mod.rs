@@ -31,7 +31,7 @@ pub use notice::{Notice, Notices};
 pub use outputs::Outputs;
 pub use overrides::{Override, OverrideSwitches, Overrides, TOOL_CHANGE};
 pub use power::Power;
-pub use requests::{Awaited, Mark, OVERRIDES, Release, Requests, ToolMarks};
+pub use requests::{Awaited, OVERRIDES, ReceivedPosition, Release, Requests, ToolChangeSpan};
 pub use reset_cause::ResetCause;
 pub use self_test::SelfTestFault;
 pub use state::{Probed, State};

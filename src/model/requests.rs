@@ -19,7 +19,7 @@ use core::sync::atomic::{
 
 use super::{HAS_REPRAP, Levels, Override, TOOL_CHANGE};
 use losses::Losses;
-pub use marks::{Mark, ToolMarks};
+pub use marks::{ReceivedPosition, ToolChangeSpan};
 pub use override_ring::OVERRIDES;
 use override_ring::OverrideRing;
 
@@ -252,14 +252,14 @@ impl Requests {
 
     /// Returns where the newest `~` was received.
     #[must_use]
-    pub fn start_mark(&self) -> Mark {
-        Mark(self.start_mark.load(Relaxed))
+    pub fn start_mark(&self) -> ReceivedPosition {
+        ReceivedPosition(self.start_mark.load(Relaxed))
     }
 
     /// Returns where the newest 0xA3 was received.
     #[must_use]
-    pub fn tool_mark(&self) -> Mark {
-        Mark(self.tool_mark.load(Relaxed))
+    pub fn tool_mark(&self) -> ReceivedPosition {
+        ReceivedPosition(self.tool_mark.load(Relaxed))
     }
 
     /// Takes the bytes that may be overrides, [`super::Override::from_byte`], or [`TOOL_CHANGE`], oldest first, if there

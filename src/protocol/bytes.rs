@@ -15,7 +15,7 @@ use core::{
     },
 };
 
-use crate::model::Mark;
+use crate::model::ReceivedPosition;
 
 /// What is missing of a character, as [`ByteRing`] keeps it.
 #[derive(Clone, Copy)]
@@ -365,7 +365,7 @@ impl ByteReader<'_> {
 
     /// Returns the number of waiting bytes that were received before a mark.
     #[must_use]
-    pub fn waiting_before(&self, mark: Mark) -> usize {
+    pub fn waiting_before(&self, mark: ReceivedPosition) -> usize {
         mark.distance_from(self.ring.oldest()).min(self.ring.len())
     }
 
@@ -514,11 +514,11 @@ mod tests {
                 for _ in 0..begin {
                     assert!(writer.enqueue(0).is_ok() && reader.dequeue().is_some());
                 }
-                let mut mark = Mark::new(writer.enqueued());
+                let mut mark = ReceivedPosition::new(writer.enqueued());
                 for number in 0..15 {
                     assert!(writer.enqueue(byte(number)).is_ok());
                     if number + 1 == kept {
-                        mark = Mark::new(writer.enqueued());
+                        mark = ReceivedPosition::new(writer.enqueued());
                     }
                 }
                 assert_eq!(reader.waiting_before(mark), kept);

@@ -32,7 +32,7 @@ pub struct FaultCounts {
 
 /// What lists show.
 #[derive(Debug)]
-pub struct Lists<'a> {
+pub struct ListContents<'a> {
     /// What outlives power, but for the tools.
     pub stored: &'a Stored,
     /// The offsets in effect.
@@ -51,7 +51,7 @@ pub struct Lists<'a> {
     pub received_bytes: usize,
 }
 
-impl Lists<'_> {
+impl ListContents<'_> {
     /// Writes one line of a list, counted from 0. Returns false after the last.
     pub fn write(&self, text: &mut Text, list: List, line: usize) -> bool {
         let settings = &self.stored.settings;

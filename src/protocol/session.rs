@@ -6,7 +6,7 @@
 //!
 //! [`Session`] owns the order: what comes before each line (`attend_machine`), and the stage that is
 //! next (`advance`). Each part with a state of its own is a type that takes the rest as arguments: the
-//! line in execution ([`LineExecution`]), the path on its way to the machine ([`Path`]), the path beside
+//! line in execution ([`LineExecution`]), the path on its way to the machine ([`PathSender`]), the path beside
 //! the programmed one ([`CutterPath`]), changes to be stored ([`Persistence`]), the change of a tool
 //! ([`ToolChange`]), reports, messages to the operator, a break on the line, probing moves, the stream of
 //! positions. Seven more files with an `impl Session` join them: `dispatch` and `program` begin a line, `moves`
@@ -66,7 +66,7 @@ use cutter_path::CutterPath;
 use line_break::{LineBreak, WorkLeft};
 use line_execution::{LineExecution, Source};
 use operator_message::OperatorMessages;
-use path::Path;
+use path::PathSender;
 use persistence::Persistence;
 use position_stream::PositionStream;
 use power_up::PowerUp;
@@ -103,7 +103,7 @@ struct Ports<'a, 'q> {
 #[repr(C)]
 pub struct Session {
     stage: LineStage,
-    path: Path,
+    path: PathSender,
     line: LineExecution,
     reports: Reports,
     persistence: Persistence,
@@ -138,7 +138,7 @@ impl Session {
                 is_first_boot,
                 owes_answer: false,
             },
-            path: Path::new(&stored.settings),
+            path: PathSender::new(&stored.settings),
             line: LineExecution::new(&stored.origins),
             reports: Reports::default(),
             cutter_path: CutterPath::default(),

@@ -20,9 +20,11 @@
 //!
 //! # Cost
 //! A step costs the same with any number of axes: 50 cycles at most by `Periodic`, 70 of the dominant
-//! axis, and 83 by `Delayed` (`docs/benchmarks.md`). Each method is a loop of its own (`inline(never)`), so short that it
-//! stays in the instruction cache beside the most frequent tasks. The order of the fields of [`Slots`] in memory is
-//! fixed: the bits are where one instruction reaches them.
+//! axis, and 83 by `Delayed` (`docs/benchmarks.md`). Each method is a loop of its own, so short that it stays in the
+//! instruction cache beside the most frequent tasks: hence `inline(always)` on the parts of two loops, and
+//! `inline(never)` on the loops. [`Cursor::schedule`] is inline so that a loop keeps the cursor in registers. Where
+//! neighbours seldom have to move, the function for it is out of line. The order of the fields of [`Slots`] in memory
+//! is fixed: the bits are where one instruction reaches them.
 
 use core::num::NonZeroU32;
 
@@ -196,7 +198,7 @@ impl Placement {
             let slot = time_fixed >> SLOT_SHIFT;
             if slots.is_occupied(slot.wrapping_sub(1)) {
                 let ticks = (time_fixed >> TIME_FRACTION_BITS) % SLOT_TICKS;
-                slots.move_neighbours_earlier(slot, fixed_axes, ticks);
+                slots.move_neighbours_earlier_out_of_line(slot, fixed_axes, ticks);
             }
         });
     }
@@ -368,6 +370,12 @@ impl Slots {
     #[inline]
     fn is_occupied(&mut self, slot: u32) -> bool {
         *self.event_in(slot) != StepEvent::NONE
+    }
+
+    /// Does the same as [`Slots::move_neighbours_earlier`].
+    #[inline(never)]
+    fn move_neighbours_earlier_out_of_line(&mut self, slot: u32, fixed_axes: u32, ticks: u32) {
+        self.move_neighbours_earlier(slot, fixed_axes, ticks);
     }
 
     /// Returns the event of a slot, if there is one and it is of none of `fixed_axes`.

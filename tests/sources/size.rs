@@ -5,7 +5,7 @@ use super::sources;
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
-    ("proof", 28_520),
+    ("proof", 28_500),
     ("src", 37_200),
     ("tests", 43_600),
     ("xtask", 23_650),

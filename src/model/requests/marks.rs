@@ -2,9 +2,9 @@
 
 /// A place in the stream of received bytes: the number of bytes of lines before it, wrapping.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Mark(pub(super) u32);
+pub struct ReceivedPosition(pub(super) u32);
 
-impl Mark {
+impl ReceivedPosition {
     /// The place after a number of bytes, wrapping.
     #[must_use]
     pub const fn new(received: usize) -> Self {
@@ -20,20 +20,20 @@ impl Mark {
 
 /// Where the operator's lines lie in the stream of received bytes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct ToolMarks {
+pub struct ToolChangeSpan {
     /// Number of changes in which there were such lines, wrapping.
     pub changes: u8,
     /// Where the lines begin: at 0xA3.
-    pub begin: Mark,
+    pub begin: ReceivedPosition,
     /// Where they end: at cycle start.
-    pub end: Mark,
+    pub end: ReceivedPosition,
 }
 
-impl ToolMarks {
+impl ToolChangeSpan {
     /// No change yet.
     pub const NONE: Self = Self {
         changes: 0,
-        begin: Mark(0),
-        end: Mark(0),
+        begin: ReceivedPosition(0),
+        end: ReceivedPosition(0),
     };
 }

@@ -4,7 +4,7 @@ use super::Motion;
 use crate::{
     axis::{AXES, Axes},
     machine::{Ending, Snapshot},
-    model::{Coolant, Notices, Outputs, Power, Probed, Spindle, ToolMarks},
+    model::{Coolant, Notices, Outputs, Power, Probed, Spindle, ToolChangeSpan},
     stepper::SegmentRing,
 };
 
@@ -23,7 +23,7 @@ pub(super) struct Published {
     pub(super) outputs_changed: bool,
     pub(super) notices: Notices,
     pub(super) probed: Probed,
-    pub(super) tool_marks: ToolMarks,
+    pub(super) tool_marks: ToolChangeSpan,
 }
 
 impl Published {
@@ -45,7 +45,7 @@ impl Published {
                 steps: Axes([0; AXES]),
                 success: false,
             },
-            tool_marks: ToolMarks::NONE,
+            tool_marks: ToolChangeSpan::NONE,
         }
     }
 

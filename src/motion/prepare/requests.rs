@@ -4,8 +4,8 @@ use super::{Activity, Motion};
 use crate::{
     machine::{Control, Effect, Event},
     model::{
-        Alarm, Mark, Notice, OVERRIDES, Override, OverrideSwitches, Overrides, Requests, State,
-        TOOL_CHANGE,
+        Alarm, Notice, OVERRIDES, Override, OverrideSwitches, Overrides, ReceivedPosition,
+        Requests, State, TOOL_CHANGE,
     },
     stepper::SegmentRing,
 };
@@ -111,7 +111,7 @@ impl Motion {
     }
 
     /// Executes the operator's lines from a mark on, if the machine waits for a tool.
-    fn change_tool(&mut self, mark: Mark) {
+    fn change_tool(&mut self, mark: ReceivedPosition) {
         let is_waiting = matches!(self.activity, Activity::ToolPause);
         if is_waiting && self.control.state == State::HoldComplete {
             self.transition(Event::ChangeTool);

@@ -4,7 +4,7 @@
 //! each answer would stand still otherwise. The machine stops at the start of a move that waits when nothing follows.
 //! What needs standstill looks at the motion, not at the move that waits.
 
-use super::{LineExecution, Path, Ports};
+use super::{LineExecution, PathSender, Ports};
 use crate::{
     axis::Axes,
     gcode::{
@@ -96,7 +96,7 @@ impl CutterPath {
     pub(super) fn watch_standstill(
         &mut self,
         machine: &Snapshot,
-        path: &mut Path,
+        path: &mut PathSender,
         requests: &Requests,
     ) {
         let is_left = machine.state == State::Idle && path.is_done(machine);
@@ -110,7 +110,7 @@ impl CutterPath {
     /// Ends compensation where the last move has led, and forgets what waits. Nothing that has been sent is dropped:
     /// `prepare` goes on from the exact end, and not from the whole steps.
     #[inline(never)]
-    pub(super) fn cancel(&mut self, path: &Path, line: &mut LineExecution) {
+    pub(super) fn cancel(&mut self, path: &PathSender, line: &mut LineExecution) {
         let interpreter = &mut line.interpreter;
         if interpreter.is_compensating() || interpreter.is_off_path() {
             interpreter.cancel_compensation();
@@ -132,7 +132,7 @@ impl CutterPath {
         &mut self,
         next: &mut usize,
         line: &mut LineExecution,
-        path: &mut Path,
+        path: &mut PathSender,
         ports: &mut Ports<'_, '_>,
     ) -> SentCompensated {
         loop {
@@ -181,7 +181,7 @@ impl CutterPath {
     fn send_released(
         &mut self,
         line: &mut LineExecution,
-        path: &mut Path,
+        path: &mut PathSender,
         ports: &mut Ports<'_, '_>,
     ) -> bool {
         while let Some(command) = self.compensator.front() {

@@ -16,7 +16,7 @@ use crate::{
     protocol::{
         dialect::SenderDialect,
         dollar::{Condition, Dollar, List},
-        listing::{self, FaultCounts, Lists},
+        listing::{self, FaultCounts, ListContents},
         report::{self, Feedback},
         text::{ReportUnit, Text},
     },
@@ -160,7 +160,7 @@ impl Session {
 
     /// Writes the next line of a list, and the answer after the last.
     pub(super) fn list(&mut self, list: List, line: usize, received_bytes: usize) -> Progress {
-        let lists = Lists {
+        let lists = ListContents {
             stored: &self.persistence.stored,
             offsets: self.line.interpreter.offsets(),
             tools: self.line.interpreter.tools(),

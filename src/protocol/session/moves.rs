@@ -9,7 +9,7 @@
 use heapless::spsc::Producer;
 
 use super::{
-    AfterCommands, LineExecution, LineStage, Path, Ports, Progress, Session, Source,
+    AfterCommands, LineExecution, LineStage, PathSender, Ports, Progress, Session, Source,
     cutter_path::SentCompensated, machine_sync::MachineSync, path::ProgrammedPosition,
 };
 use crate::{
@@ -262,7 +262,7 @@ impl LineExecution {
     }
 }
 
-impl Path {
+impl PathSender {
     /// Learns at standstill where the machine is, if that is not known, and that its jogs have ended.
     pub(super) fn sync_at_standstill(
         &mut self,

@@ -44,14 +44,14 @@ pub(super) enum ProgrammedPosition {
 /// The path, and how far the machine has come along it.
 #[derive(Debug)]
 #[repr(C)]
-pub(super) struct Path {
+pub(super) struct PathSender {
     pub(super) sync: MachineSync,
     pub(super) router: Router,
     /// Moves that `G64` may still change.
     pub(super) blender: Blender,
 }
 
-impl Path {
+impl PathSender {
     /// A path at the origin.
     pub(super) fn new(settings: &Settings) -> Self {
         Self {

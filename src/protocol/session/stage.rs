@@ -1,6 +1,6 @@
 //! The stages of a line: what the session is doing, and what follows when the machine has done its part.
 
-use super::{Path, persistence::AfterStore};
+use super::{PathSender, persistence::AfterStore};
 use crate::{
     model::Awaited,
     protocol::{dollar::List, report::Feedback},
@@ -117,7 +117,7 @@ impl LineStage {
     }
 
     /// Returns the events that let the stage continue, besides a change of the machine's state.
-    pub(super) fn awaited(self, path: &Path) -> Awaited {
+    pub(super) fn awaited(self, path: &PathSender) -> Awaited {
         match self {
             Self::Reading if path.blender.has_pending() => Awaited::LINE
                 .union(Awaited::ENTRIES)

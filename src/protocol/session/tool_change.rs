@@ -31,7 +31,7 @@ pub(super) struct ToolChange {
     pub(super) interrupted: Interrupted,
     /// The operator's lines are executed.
     is_manual: bool,
-    /// [`crate::model::ToolMarks::changes`] as seen last.
+    /// [`crate::model::ToolChangeSpan::changes`] as seen last.
     changes: u8,
     /// Bytes of the program that are kept in the receive queue.
     kept: usize,

@@ -59,6 +59,7 @@ impl ArcInSegments {
     }
 
     /// Returns the motion of an axis at a position besides the arc: an axis of the arc has none.
+    #[inline]
     pub(super) fn motion_off_arc(
         &self,
         axis: usize,

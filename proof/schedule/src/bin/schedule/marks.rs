@@ -96,13 +96,11 @@ pub(super) fn run(board: &Board, prefix: &str, write: bool) -> Result<()> {
     }
     let named = fs::read_to_string(cargo::root().join("schedule.toml"))?;
     for group in groups.values() {
-        let mut tried = Vec::new();
-        for mark in group {
-            match trial.known_reason(mark, &named) {
-                Some(reason) => drop(trial.kept.insert(mark.clone(), reason.to_owned())),
-                None => tried.push(mark.clone()),
-            }
-        }
+        let mut tried = group.clone();
+        tried.retain(|mark| match trial.known_reason(mark, &named) {
+            Some(reason) => trial.kept.insert(mark.clone(), reason.into()).is_some(),
+            None => true,
+        });
         if !tried.is_empty() {
             trial.reduce(&tried)?;
         }
@@ -172,10 +170,9 @@ impl Trial<'_> {
     /// Why a mark stays without a trial, if it does; `named` is `schedule.toml`.
     fn known_reason(&self, mark: &OptimiserMark, named: &str) -> Option<&'static str> {
         let text = self.sources.get(&mark.file).map_or("", String::as_str);
-        let excuse = text.lines().skip(mark.line + 1).take(3);
         if mark.text == "#[inline(never)]" && names(named, &self.item(mark)) {
             Some("named in `schedule.toml`")
-        } else if excuse.collect::<String>().contains(IN_RAM) {
+        } else if { text.lines().skip(mark.line + 1).take(3) }.any(|line| line.contains(IN_RAM)) {
             Some("code in RAM, that of the tests on a board too, would call it in flash")
         } else {
             None
@@ -273,10 +270,7 @@ impl Trial<'_> {
             "{} marks stay:\n\n| where | mark | without it |\n|---|---|---|\n",
             rows.len()
         );
-        for row in rows {
-            text.push_str(&row);
-            text.push('\n');
-        }
+        text.extend(rows.iter().flat_map(|row| [row, "\n"]));
         text
     }
 
