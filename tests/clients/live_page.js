@@ -10,7 +10,7 @@ const fs = require('fs');
 
 const { check, run, until } = require('./cncjs');
 const { browse, newPage } = require('./browser');
-const { FAST, SLOWLY, startJob } = require('./monitor');
+const { FAST, GO_ON, HOLD, SLOWLY, startJob } = require('./monitor');
 
 const SIZES = [{ width: 1400, height: 900 }, { width: 390, height: 800 }];
 // The machine is asked ten times a second, and tells each step besides: the marker of the job is as near, mm.
@@ -49,11 +49,12 @@ async function seen(page, claim, what) {
   return shown;
 }
 
-/** The machine is on the path of the job, and the page shows where. */
-async function followed(page) {
-  const isMoving = ({ state, job, time }) => state === 'Run' && job && job.is_on_path && job.time_s > 1 && time > 1;
-  const isDrawn = ({ pieces, drawn }) => pieces > 100 && drawn === pieces;
-  const shown = await seen(page, (now) => isMoving(now) && isDrawn(now), 'the job is drawn and followed');
+/** The machine is on the path of the job, and the page shows where. The job waits for pages that draw slowly. */
+async function followed(page, job) {
+  await seen(page, ({ pieces, drawn }) => pieces > 100 && drawn === pieces, 'the job is drawn');
+  job.press(GO_ON);
+  const isMoving = ({ state, job: at, time }) => state === 'Run' && at && at.is_on_path && at.time_s > 1 && time > 1;
+  const shown = await seen(page, isMoving, 'the job is followed');
   check(Math.abs(shown.job.time_s + shown.job.left_s - shown.end) < 0.01, JSON.stringify(shown.job));
   // Both in one frame, as the next event may come between.
   const { far, line, wanted } = await page.evaluate(() => {
@@ -69,6 +70,7 @@ async function followed(page) {
   });
   check(far <= NEAR_MM, `the job's marker is ${far} mm from the machine`);
   check(line === wanted && line > 0, `line ${line}, not ${wanted}`);
+  job.press(HOLD);
   return shown;
 }
 
@@ -114,9 +116,9 @@ async function open(browser, size, address, faults) {
 async function watch(pages, job, faults) {
   for (const page of pages) {
     await page.bringToFront();
-    const before = await followed(page);
+    const before = await followed(page, job);
     await page.reload();
-    const after = await followed(page);
+    const after = await followed(page, job);
     check(after.time >= before.time, `the time is ${after.time} s after ${before.time} s`);
     check(after.points > 10 && after.line >= before.line, JSON.stringify(after));
     await left(page);
@@ -126,7 +128,7 @@ async function watch(pages, job, faults) {
     check(wide <= width, `the page is ${wide} pixels wide`);
     await page.screenshot({ path: `live-${width}.png` });
   }
-  job.press(FAST);
+  job.press(FAST + GO_ON);
   for (const page of pages) {
     await page.bringToFront();
     // What comes last is drawn a frame later.

@@ -9,8 +9,9 @@ const readline = require('readline');
 
 const { check, until } = require('./cncjs');
 
-// Realtime bytes: go on; feed at 10 % and at 200 %.
+// Realtime bytes: go on, and feed hold; feed at 10 % and at 200 %.
 const GO_ON = '~';
+const HOLD = '!';
 const SLOWLY = `\x90${'\x92'.repeat(9)}`;
 const FAST = `\x90${'\x91'.repeat(10)}`;
 
@@ -52,5 +53,5 @@ async function startJob([monitor, simulator, job, settings], first = '') {
 }
 
 module.exports = {
-  FAST, GO_ON, SLOWLY, start, startJob,
+  FAST, GO_ON, HOLD, SLOWLY, start, startJob,
 };
