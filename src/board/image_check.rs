@@ -4,7 +4,7 @@ use core::slice;
 
 use super::watchdog;
 
-/// ReceivedPosition of an image as the linker leaves it, which is not checked, and of one with its CRC.
+/// Mark of an image as the linker leaves it, which is not checked, and of one with its CRC.
 const UNSEALED: u32 = u32::from_le_bytes(*b"CRC?");
 const SEALED: u32 = u32::from_le_bytes(*b"CRC=");
 /// CRC-32 as in Ethernet and zip files.

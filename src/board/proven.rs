@@ -2,7 +2,7 @@
 
 use leadscrew::settings::StepRate;
 
-/// ReceivedPosition in front of the rate: the tool checks it before it writes.
+/// Mark in front of the rate: the tool checks it before it writes.
 const MARK: u32 = u32::from_le_bytes(*b"PROV");
 
 /// The mark and the rate, Hz; 0 until `cargo xtask build` has proven a rate.
