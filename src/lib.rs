@@ -95,6 +95,13 @@ mod cases;
 #[cfg(test)]
 use cases::cases;
 
+/// Atomics of the tasks: those of `core`, or of a test that lets tasks interrupt each other at each access.
+#[cfg(not(feature = "interleave"))]
+pub(crate) use core::sync::atomic;
+#[cfg(feature = "interleave")]
+#[path = "../tests/interleave/atomics.rs"]
+pub mod atomic;
+
 pub mod axis;
 pub mod decimal;
 pub mod math;

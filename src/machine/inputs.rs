@@ -7,13 +7,12 @@
 //! Limit switches are counted: those of the axes, and behind them those of second motors. Which motors stand is
 //! an order of `prepare`, too, for the task that makes the table of outputs.
 
-use core::sync::atomic::{
-    AtomicU32,
-    Ordering::{Relaxed, SeqCst},
-    compiler_fence,
-};
-
 use crate::{
+    atomic::{
+        AtomicU32,
+        Ordering::{Relaxed, SeqCst},
+        compiler_fence,
+    },
     axis::AXES,
     model::{HAS_SECOND_MOTORS, LIMIT_SWITCHES, Levels, StandingMotors},
     settings::Settings,

@@ -11,7 +11,7 @@ mod losses;
 mod marks;
 mod override_ring;
 
-use core::sync::atomic::{
+use crate::atomic::{
     AtomicBool, AtomicU8, AtomicU32,
     Ordering::{Relaxed, SeqCst},
     compiler_fence,

@@ -5,17 +5,16 @@
 //! (compiler fences keep the order), and no division. The receiver also enqueues from RAM, where it
 //! can call nothing in flash. Measured in `docs/benchmarks.md`.
 
-use core::{
-    hint::cold_path,
-    slice::Iter,
-    sync::atomic::{
+use core::{hint::cold_path, slice::Iter};
+
+use crate::{
+    atomic::{
         AtomicU8, AtomicUsize,
         Ordering::{Relaxed, SeqCst},
         compiler_fence,
     },
+    model::ReceivedPosition,
 };
-
-use crate::model::ReceivedPosition;
 
 /// What is missing of a character, as [`ByteRing`] keeps it.
 #[derive(Clone, Copy)]

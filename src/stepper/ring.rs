@@ -19,10 +19,15 @@
 //! that the step interrupt uses of the ring, so late events are counted here, without a branch. A
 //! copy of [`EventBatch`] replaces the original: a loop has its own, which stays in registers.
 
-use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
-
 use super::{SegmentRing, StepEvent};
-use crate::model::queues::EVENT_RING;
+use crate::{
+    atomic::{
+        AtomicU32,
+        Ordering::{Relaxed, SeqCst},
+        compiler_fence,
+    },
+    model::queues::EVENT_RING,
+};
 
 /// Words of a ring, a power of two: as many events as may wait, the word behind them, and the events
 /// played last, for the position lookup.
@@ -160,7 +165,9 @@ impl<'a> EventWriter<'a> {
         if self.ring.following() != StepEvent::NONE || !segments.is_running() {
             return None;
         }
-        // As long as it knows of no other event, the step interrupt can only stop.
+        // As long as it knows of no other event, the step interrupt can only stop. The number must be that of the event
+        // set up then.
+        compiler_fence(SeqCst);
         let set_up = self.ring.output_count.load(Relaxed);
         let event = self.ring.pending_event(set_up.wrapping_add(1));
         (event != StepEvent::NONE).then_some(event)

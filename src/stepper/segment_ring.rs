@@ -5,14 +5,13 @@
 //! begun. Every event is played exactly once, so nothing needs to be counted: the position is that of
 //! the segment.
 
-use core::sync::atomic::{
-    AtomicBool, AtomicI32, AtomicU32,
-    Ordering::{Relaxed, SeqCst},
-    compiler_fence,
-};
-
 use super::{EventTap, SegmentInfo};
 use crate::{
+    atomic::{
+        AtomicBool, AtomicI32, AtomicU32,
+        Ordering::{Relaxed, SeqCst},
+        compiler_fence,
+    },
     axis::{AXES, Axes},
     model::queues::SEGMENT_RING,
 };

@@ -7,7 +7,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
     ("proof", 28_500),
     ("src", 37_200),
-    ("tests", 43_600),
+    ("tests", 44_700),
     ("xtask", 23_650),
 ];
 

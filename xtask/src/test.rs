@@ -268,13 +268,14 @@ fn with_features() -> impl Iterator<Item = Check> {
     let separator = ["--".to_owned()].into_iter();
     let of_axes = programs.into_iter().chain(separator).chain(skipped);
     let owned = |words: &[&str]| words.iter().copied().map(String::from).collect();
-    let tests: [(_, Vec<_>); 3] = [
+    let tests: [(_, Vec<_>); 4] = [
         ("axes-6", of_axes.collect()),
         (
             "phases",
             owned(&["--test=machine", "--", "phases", "stored_program"]),
         ),
         ("clock-96", owned(&["--test=motion", "segments"])),
+        ("interleave", owned(&["--test=interleave"])),
     ];
     tests.into_iter().map(|(feature, tests)| {
         plain(format!("host tests, {feature}"), move || {

@@ -4,7 +4,7 @@
 //! byte is not what the sender has sent. Where bytes are missing in two places before `interpret` has come to
 //! the first, the lines between them count as well.
 
-use core::sync::atomic::{
+use crate::atomic::{
     AtomicU32,
     Ordering::{Relaxed, SeqCst},
     compiler_fence,

@@ -1,6 +1,6 @@
 //! The queue of overrides from the receiver to `prepare`, oldest first.
 
-use core::sync::atomic::{
+use crate::atomic::{
     AtomicU8, AtomicU32,
     Ordering::{Relaxed, SeqCst},
     compiler_fence,
