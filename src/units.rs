@@ -42,7 +42,6 @@ impl Nm {
     }
 
     #[cold]
-    #[inline(never)]
     fn to_f32(self) -> f32 {
         self.0 as f32
     }

@@ -29,29 +29,24 @@ impl Actuators {
 }
 
 impl Platform for Actuators {
-    #[inline]
     fn pend(&mut self, task: Task) {
         pend(task);
     }
 
-    #[inline]
     fn set_duty(&mut self, duty: u16) {
         outputs::set_duty(duty);
     }
 }
 
 impl PreparePlatform for Actuators {
-    #[inline]
     fn take_delay_end(&mut self) -> bool {
         self.timer.take_end()
     }
 
-    #[inline]
     fn start_delay(&mut self, delay_ms: u16) {
         self.timer.start(delay_ms);
     }
 
-    #[inline]
     fn switch(&mut self, outputs: &Outputs) {
         self.switches.apply(outputs);
     }

@@ -37,7 +37,6 @@ impl SampleTimer {
     }
 
     /// Takes the overflow of the timer.
-    #[inline]
     pub(super) fn take_due(&mut self) -> bool {
         let is_due = self.0.sr().read().uif().bit_is_set();
         if is_due {
@@ -47,13 +46,11 @@ impl SampleTimer {
     }
 
     /// Begins periods of samples.
-    #[inline]
     pub(super) fn start_sampling(&mut self) {
         set_period(&self.0, SAMPLE_PERIOD_US);
     }
 
     /// Goes back to the period without samples.
-    #[inline]
     pub(super) fn stop_sampling(&mut self) {
         // The counter is below the new period, and goes on.
         self.0.arr().write(|w| w.arr().set(IDLE_PERIOD_US - 1));
@@ -66,7 +63,6 @@ fn set_period(timer: &pac::TIM10, period_us: u16) {
 }
 
 /// Returns the time since the timer released the task, µs; `None` if the timer has not.
-#[inline]
 #[cfg(feature = "trace")]
 #[expect(unsafe_code, reason = "the task owns the timer")]
 pub(super) fn timer_release_age_us() -> Option<u16> {
@@ -82,7 +78,6 @@ pub(super) fn timer_release_age_us() -> Option<u16> {
 const INPUT_PORTS: PortList = WIRING.input_ports();
 
 /// Returns the closed contacts.
-#[inline]
 pub(super) fn read() -> Levels {
     let mut levels = [0; INPUT_PORTS.length];
     // wcet-bound: 9

@@ -24,7 +24,6 @@ impl DelayTimer {
 
     /// Takes the end of the delay: returns whether it has come since the last call. Acknowledges the
     /// interrupt.
-    #[inline]
     pub(crate) fn take_end(&mut self) -> bool {
         let is_over = self.0.sr().read().uif().bit_is_set();
         if is_over {

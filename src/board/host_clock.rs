@@ -28,7 +28,6 @@ pub(super) fn init(timer: &pac::TIM4) {
 }
 
 /// Takes a tick, for `wake`: returns whether one has come since the last call.
-#[inline]
 #[expect(unsafe_code, reason = "the task that binds the vector owns the timer")]
 pub(crate) fn take_tick() -> bool {
     if !HAS_REPRAP {

@@ -99,7 +99,6 @@ impl InputInterrupts {
 
 impl InputPins {
     /// Runs `inputs`.
-    #[inline]
     pub(crate) fn serve(
         &mut self,
         shared: SharedAtomics<'_>,
@@ -150,7 +149,6 @@ impl InputPins {
 
     /// Masks all lines if an edge has come. Returns whether one has. The pins are read after this:
     /// the sample sees a later change.
-    #[inline]
     #[expect(unsafe_code, reason = "raw words for registers")]
     fn mask_lines_after_edge(&mut self) -> bool {
         let has_edge = self.exti.pr().read().bits() & LINES != 0;
@@ -162,7 +160,6 @@ impl InputPins {
     }
 
     /// Clears the edges that have come. The pins are read after this: a later change is a new edge.
-    #[inline]
     #[expect(unsafe_code, reason = "raw words for a register")]
     fn clear_edges(&mut self) {
         // SAFETY: the bits of lines that exist; a one clears.
@@ -170,21 +167,18 @@ impl InputPins {
     }
 
     /// Unmasks all lines.
-    #[inline]
     #[expect(unsafe_code, reason = "raw words for a register")]
     fn unmask_lines(&mut self) {
         // SAFETY: the bits of lines that exist.
         unsafe { self.exti.imr().write(|w| w.bits(LINES | supply::LINE)) };
     }
 
-    #[inline]
     fn start_sampling(&mut self) {
         self.is_sampling = true;
         self.masked_samples = SAMPLES;
         self.timer.start_sampling();
     }
 
-    #[inline]
     fn stop_sampling(&mut self) {
         self.is_sampling = false;
         self.timer.stop_sampling();
@@ -194,7 +188,6 @@ impl InputPins {
 
 /// Clears releases of the task by lines whose edges have been cleared or masked: else each of their
 /// vectors would run the task once more, for nothing.
-#[inline]
 #[expect(unsafe_code, reason = "raw words for registers")]
 fn clear_pending() {
     // SAFETY: the vectors are those of this task.

@@ -4,37 +4,31 @@
 pub(crate) struct Activation;
 
 /// Begins an activation of `step`.
-#[inline]
 pub(crate) const fn step() -> Activation {
     Activation
 }
 
 /// Begins an activation of `serial_rx`.
-#[inline]
 pub(crate) const fn serial_rx() -> Activation {
     Activation
 }
 
 /// Begins an activation of `inputs`.
-#[inline]
 pub(crate) const fn inputs() -> Activation {
     Activation
 }
 
 /// Begins an activation of `segment_start`.
-#[inline]
 pub(crate) const fn segment_start() -> Activation {
     Activation
 }
 
 /// Begins an activation of `prepare`.
-#[inline]
 pub(crate) const fn prepare() -> Activation {
     Activation
 }
 
 /// Records the time of a release.
-#[inline]
 pub(super) const fn release(_vector: super::pac::Interrupt) {}
 
 /// Starts the cycle counter.

@@ -101,7 +101,6 @@ fn switch(outputs: &Outputs) {
 ///
 /// Takes effect at once. For `segment_start` while the step timer
 /// runs, and for `prepare` while it stands.
-#[inline]
 pub(super) fn set_duty(duty: u16) {
     let duty = u32::from(duty);
     if duty != DUTY.load(Relaxed) {

@@ -68,7 +68,6 @@ static SHARED: SharedWords = SharedWords {
 };
 
 /// Returns the words of an event.
-#[inline]
 pub(super) fn words(event: StepEvent) -> Words {
     let index = event.output_index();
     if !HAS_HALF_TABLES {
@@ -88,7 +87,6 @@ pub(super) fn words(event: StepEvent) -> Words {
     words
 }
 
-#[inline]
 fn load(row: &Row) -> Words {
     row.each_ref().map(|word| word.load(Relaxed))
 }
@@ -103,14 +101,12 @@ struct NextWords(UnsafeCell<Words>);
 unsafe impl Sync for NextWords {}
 
 impl NextWords {
-    #[inline]
     #[expect(unsafe_code, reason = "nothing else has it meanwhile")]
     fn get(&self) -> Words {
         // SAFETY: as above.
         unsafe { *self.0.get() }
     }
 
-    #[inline]
     #[expect(unsafe_code, reason = "nothing else has it meanwhile")]
     fn set(&self, words: Words) {
         let first = self.0.get().cast::<u32>();
@@ -129,19 +125,16 @@ static IS_ENABLED: AtomicBool = AtomicBool::new(false);
 static POLARITY: AtomicU32 = AtomicU32::new(0);
 
 /// Outputs the words of the last [`set_next`]. For the step interrupt, or while it stands.
-#[inline]
 pub(super) fn write() {
     write_events(next_words());
 }
 
 /// Returns the words that the next event outputs.
-#[inline]
 pub(super) fn next_words() -> Words {
     SHARED.next.get()
 }
 
 /// Outputs a word for each port of events.
-#[inline]
 fn write_events(words: Words) {
     // wcet-bound: 6
     for (index, word) in words.into_iter().enumerate() {
@@ -150,13 +143,11 @@ fn write_events(words: Words) {
 }
 
 /// Clears the words of the next event: it outputs nothing.
-#[inline]
 pub(super) fn clear_next() {
     SHARED.next.set([0; PORTS]);
 }
 
 /// Sets the words of the next event.
-#[inline]
 pub(super) fn set_next(event: StepEvent) {
     SHARED.next.set(words(event));
 }
@@ -220,7 +211,6 @@ fn add(words: &mut [u32], ports: &PortList, pin: Pin, high: bool) {
 
 /// Makes the table anew if `prepare` has ordered that other motors stand. It makes no step before that is done: the
 /// step interrupt meanwhile plays events without pins, whose words stay 0.
-#[inline]
 pub(super) fn follow_standing_order(settings: &Settings, inputs: &Inputs) {
     if let Some(standing) = inputs.standing_order() {
         make_table(settings, standing);

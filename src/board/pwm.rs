@@ -62,7 +62,6 @@ pub(super) fn configure(settings: &Settings) {
 }
 
 /// Sets the high time of the PWM at once, 0 to [`Outputs::FULL`].
-#[inline]
 pub(super) fn set_pulse(duty: u32) {
     if let Some(pwm) = &chosen::WIRING.pwm {
         pwm.write(CCR1 + pwm.channel - 1, duty);
@@ -70,7 +69,6 @@ pub(super) fn set_pulse(duty: u32) {
 }
 
 impl Pwm {
-    #[inline]
     fn write(&self, register: usize, word: u32) {
         let first = self.timer as *mut u32;
         // SAFETY: a single write to a register of a timer that the chip has, and that only this file uses.

@@ -27,7 +27,6 @@ use super::{
 };
 
 /// Releases a task.
-#[inline]
 pub(super) fn pend(task: Task) {
     match task {
         Task::SegmentStart => pend_vector(SEGMENT_START),
@@ -37,7 +36,6 @@ pub(super) fn pend(task: Task) {
 }
 
 /// Releases a task by its vector, and records the time.
-#[inline]
 pub(super) fn pend_vector(vector: Interrupt) {
     trace::release(vector);
     rtic::pend(vector);
@@ -47,7 +45,6 @@ pub(super) fn pend_vector(vector: Interrupt) {
 pub(crate) struct ChipPlatform;
 
 impl Platform for ChipPlatform {
-    #[inline]
     fn pend(&mut self, task: Task) {
         pend(task);
     }
@@ -69,7 +66,6 @@ impl Platform for ChipPlatform {
         unsafe { (*NVIC::PTR).ispr[0].write(mask) };
     }
 
-    #[inline]
     fn set_duty(&mut self, duty: u16) {
         outputs::set_duty(duty);
     }

@@ -37,7 +37,6 @@ impl Receiver {
     }
 
     /// Runs `serial_rx`.
-    #[inline]
     pub(crate) fn serve(&mut self, reception: &mut IncomingWriter<'_>) {
         receive(&self.0, reception);
     }

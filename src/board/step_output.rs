@@ -27,27 +27,22 @@ impl StepPins {
 }
 
 impl StepPlatform for StepPins {
-    #[inline]
     fn output(&mut self) {
         pins::write();
     }
 
-    #[inline]
     fn set_reload(&mut self, following: StepEvent) -> u32 {
         self.0.set_reload(following).is_late()
     }
 
-    #[inline]
     fn set_up(&mut self, event: StepEvent) {
         pins::set_next(event);
     }
 
-    #[inline]
     fn pend_segment_start(&mut self, event: StepEvent) {
         self.0.pend(SEGMENT_START, event);
     }
 
-    #[inline]
     fn stop(&mut self) {
         pins::clear_next();
         self.0.stop().pend(SEGMENT_START, true);
@@ -73,7 +68,6 @@ pub(crate) struct StepInterrupt<M> {
 }
 
 impl<M: rtic::Mutex<T = StepTimerToken>> StepOutput for StepInterrupt<M> {
-    #[inline]
     fn start(&mut self, first: Upcoming, segments: &SegmentRing) {
         pins::set_next(first.event);
         step_timer::set_up(first.event);
@@ -86,7 +80,6 @@ impl<M: rtic::Mutex<T = StepTimerToken>> StepOutput for StepInterrupt<M> {
         });
     }
 
-    #[inline]
     fn stop(&mut self, segments: &SegmentRing) {
         let event_tap = self.event_tap;
         self.token.lock(|_| {
@@ -96,12 +89,10 @@ impl<M: rtic::Mutex<T = StepTimerToken>> StepOutput for StepInterrupt<M> {
         });
     }
 
-    #[inline]
     fn append(&mut self, event: StepEvent) {
         step_timer::set_reload(event);
     }
 
-    #[inline]
     fn event_tap(&self) -> EventTap<'_> {
         self.event_tap
     }

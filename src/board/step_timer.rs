@@ -41,7 +41,6 @@ impl StepTimer {
 
     /// Sets the time from the next interrupt to the interrupt after it: the time of an event. Returns the access to the
     /// other registers.
-    #[inline]
     pub(crate) fn set_reload(&mut self, event: StepEvent) -> SystemControl {
         let system = SystemControl::after(event);
         system.write(SYST_RVR, event.half_ticks_less_one());
@@ -49,13 +48,11 @@ impl StepTimer {
     }
 
     /// Releases a task by its vector if an event is the first of a segment.
-    #[inline]
     pub(crate) fn pend(&mut self, vector: Interrupt, event: StepEvent) {
         SystemControl::after(event).pend(vector, event.is_boundary());
     }
 
     /// Stops the timer until the next [`start`].
-    #[inline]
     pub(crate) fn stop(&mut self) -> SystemControl {
         let system = SystemControl::after(StepEvent::NONE);
         system.write(SYST_CSR, CLKSOURCE);
@@ -80,7 +77,6 @@ pub(crate) struct SystemControl(*mut u32);
 
 impl SystemControl {
     /// Returns the address of the space, made after an event is known.
-    #[inline]
     #[expect(
         unsafe_code,
         reason = "an address that the compiler cannot look through"
@@ -97,7 +93,6 @@ impl SystemControl {
         Self(base)
     }
 
-    #[inline]
     #[expect(unsafe_code, reason = "registers by their addresses")]
     fn write(self, offset: usize, word: u32) {
         let register = self.0.wrapping_byte_add(offset);
@@ -108,7 +103,6 @@ impl SystemControl {
 
     /// Returns 1 if the next interrupt of the timer is pending, otherwise 0: then the last time was
     /// written too late. The bits above are those of exceptions that nothing pends.
-    #[inline]
     #[expect(unsafe_code, reason = "a register by its address")]
     pub(crate) fn is_late(self) -> u32 {
         let register = self.0.wrapping_byte_add(ICSR);
@@ -117,7 +111,6 @@ impl SystemControl {
     }
 
     /// Releases a task by its vector, if it `is_due`.
-    #[inline]
     pub(crate) fn pend(self, vector: Interrupt, is_due: bool) {
         if is_due {
             trace::release(vector);
@@ -146,7 +139,6 @@ pub(crate) fn set_up(event: StepEvent) {
 
 /// Starts the timer with the time that has been set up; the time to the interrupt after it is the time of an event.
 /// Only while the timer stands, under the lock of `StepTimerToken`.
-#[inline]
 pub(crate) fn start(following: StepEvent) {
     let timer = registers();
     // The counter begins with the time in the reload register. Where a preempting task lets it come
@@ -177,21 +169,18 @@ pub(crate) fn is_running() -> bool {
     registers().csr.read() & TICKINT != 0
 }
 
-#[inline]
 #[expect(unsafe_code, reason = "a raw word for a register")]
 fn reload(timer: &RegisterBlock, event: StepEvent) {
     // SAFETY: any number of 24 bits is legal; this one has 20.
     unsafe { timer.rvr.write(event.half_ticks_less_one()) };
 }
 
-#[inline]
 #[expect(unsafe_code, reason = "a raw word for a register")]
 fn clear_counter(timer: &RegisterBlock) {
     // SAFETY: any write makes the counter zero; the timer stands.
     unsafe { timer.cvr.write(0) };
 }
 
-#[inline]
 #[expect(unsafe_code, reason = "a raw word for a register")]
 fn control(timer: &RegisterBlock, bits: u32) {
     // SAFETY: bits of the register; the handler of the exception is a task.

@@ -58,32 +58,27 @@ pub(crate) struct Activation<const TASK: usize> {
 }
 
 /// Begins an activation of `step`, whose latency is the time since the event was due.
-#[inline]
 pub(crate) fn step() -> Activation<STEP> {
     Activation::start(lateness())
 }
 
 /// Begins an activation of `serial_rx`, whose latency is unknown.
-#[inline]
 pub(crate) fn serial_rx() -> Activation<SERIAL_RX> {
     Activation::start(UNKNOWN)
 }
 
 /// Begins an activation of `inputs`, whose latency after an edge is unknown.
-#[inline]
 pub(crate) fn inputs() -> Activation<INPUTS> {
     let age_us = contacts::timer_release_age_us();
     Activation::begin(age_us.map(|age_us| u32::from(age_us) * CYCLES_PER_US))
 }
 
 /// Begins an activation of `segment_start`.
-#[inline]
 pub(crate) fn segment_start() -> Activation<SEGMENT_START_TASK> {
     Activation::begin(None)
 }
 
 /// Begins an activation of `prepare`.
-#[inline]
 pub(crate) fn prepare() -> Activation<PREPARE_TASK> {
     Activation::begin(None)
 }
@@ -92,7 +87,6 @@ pub(crate) fn prepare() -> Activation<PREPARE_TASK> {
 ///
 /// For the caller right before the release. An interrupt in between makes the recorded latency too
 /// long, never too short, and by no more than an earlier release would have made it.
-#[inline]
 pub(super) fn release(vector: Interrupt) {
     let task = match vector {
         SEGMENT_START => SEGMENT_START_TASK,
@@ -108,7 +102,6 @@ pub(super) fn release(vector: Interrupt) {
 
 impl<const TASK: usize> Activation<TASK> {
     /// Begins an activation with a latency.
-    #[inline]
     fn start(latency: u32) -> Self {
         let start = now();
         compiler_fence(SeqCst);
@@ -116,7 +109,6 @@ impl<const TASK: usize> Activation<TASK> {
     }
 
     /// Begins an activation with the latency since a timer's release, or else since one by software.
-    #[inline]
     pub(super) fn begin(latency: Option<u32>) -> Self {
         let released = RELEASED[TASK].load(Relaxed);
         RELEASED[TASK].store(0, Relaxed);
@@ -131,7 +123,6 @@ impl<const TASK: usize> Activation<TASK> {
 }
 
 impl<const TASK: usize> Drop for Activation<TASK> {
-    #[inline]
     fn drop(&mut self) {
         compiler_fence(SeqCst);
         let duration = now().wrapping_sub(self.start);

@@ -42,7 +42,6 @@ pub(super) const fn nvic_priority(priority: u8) -> u8 {
 }
 
 /// Gives forwarded vectors the priority of their task, and unmasks them. `init` alone calls this.
-#[inline]
 #[expect(unsafe_code, reason = "vectors that RTIC does not manage")]
 pub(super) fn unmask(nvic: &mut NVIC, vectors: &[Interrupt], priority: u8) {
     for &vector in vectors {

@@ -182,7 +182,6 @@ impl PortList {
     }
 
     /// Returns the index of a port of the list.
-    #[inline]
     pub(super) const fn index(&self, port: u8) -> usize {
         let mut index = 0;
         while self.ports[index] != port {
@@ -379,13 +378,11 @@ const FIRST_PORT: usize = 0x4002_0000;
 const PORT_BYTES: usize = 0x400;
 
 /// Returns the address of a register of a port.
-#[inline]
 const fn register_of(port: u8, register: usize) -> *mut u32 {
     (FIRST_PORT + PORT_BYTES * port as usize + 4 * register) as *mut u32
 }
 
 /// Sets and resets pins of a port.
-#[inline]
 #[expect(unsafe_code, reason = "a port by its number")]
 pub(super) fn write_port(port: u8, word: u32) {
     // SAFETY: a write to BSRR is atomic and changes only the pins whose bits are set: pins of the wiring, which
@@ -394,7 +391,6 @@ pub(super) fn write_port(port: u8, word: u32) {
 }
 
 /// Returns the levels of a port's pins.
-#[inline]
 #[expect(unsafe_code, reason = "a port by its number")]
 pub(super) fn read_port(port: u8) -> u32 {
     // SAFETY: reads a register without side effects of a port that the chip has.

@@ -320,7 +320,6 @@ impl Session {
 
     /// Sends the position if it has changed and a line is due: `$792` ms of motion after the last one,
     /// and at rest. After [`Session::run`], whose progress it is told.
-    #[inline]
     pub fn stream_position(
         &mut self,
         progress: Progress,
@@ -404,7 +403,6 @@ impl Session {
 
     /// Holds the machine after a break on the line; a pause that would end by itself waits for the operator.
     #[cold]
-    #[inline(never)]
     fn attend_line_break(&mut self, ports: &Ports<'_, '_>) {
         let machine = ports.machine;
         if self.path.sync.is_cancelled(machine) || self.host.rules().is_restarting {

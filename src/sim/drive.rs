@@ -92,7 +92,6 @@ impl Drive {
 
     /// Returns a drive at rest of which some axes have two motors with a switch each, bit 0 = X.
     #[must_use]
-    #[inline(never)]
     pub fn ganged(settings: &Settings, axes: u8) -> Self {
         let wired = !Levels::SECOND_LIMITS | Levels::second_limits(axes);
         Self::with_inputs(settings, None, Inputs::wired(wired))

@@ -27,14 +27,12 @@ impl StepEvent {
 
     /// Returns an event. Masks have a bit for each axis, bit 0 = X; `ticks` is at most
     /// [`Self::MAX_TICKS`].
-    #[inline]
     #[must_use]
     pub const fn new(ticks: u32, raise: u32, drop: u32) -> Self {
         Self(ticks << 13 | (drop & AXIS_BITS) << AXES | raise & AXIS_BITS)
     }
 
     /// Returns an event that sets the direction outputs, bit 0 = X, 1 = negative.
-    #[inline]
     #[must_use]
     pub const fn set_directions(ticks: u32, directions: u8) -> Self {
         let directions = directions as u32;
@@ -43,14 +41,12 @@ impl StepEvent {
     }
 
     /// Returns the same event, `ticks` after the one before.
-    #[inline]
     #[must_use]
     pub const fn with_ticks(self, ticks: u32) -> Self {
         Self(ticks << 13 | self.0 & (2 * Self::BOUNDARY - 1))
     }
 
     /// Returns the same event at other ticks from the start of a slot.
-    #[inline]
     #[must_use]
     pub(super) const fn with_slot_ticks(self, ticks: u32) -> Self {
         let all = SLOT_TICKS - 1;
@@ -58,21 +54,18 @@ impl StepEvent {
     }
 
     /// Returns an event with the pin changes of both; one of the two has no ticks.
-    #[inline]
     #[must_use]
     pub const fn merged_with(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
     /// Returns the event as a word.
-    #[inline]
     #[must_use]
     pub const fn bits(self) -> u32 {
         self.0
     }
 
     /// Returns the event of a word.
-    #[inline]
     #[must_use]
     pub const fn from_bits(bits: u32) -> Self {
         Self(bits)
@@ -85,7 +78,6 @@ impl StepEvent {
     }
 
     /// Returns the ticks since the event before.
-    #[inline]
     #[must_use]
     pub const fn ticks(self) -> u32 {
         self.0 >> 13
@@ -93,7 +85,6 @@ impl StepEvent {
 
     /// Returns the half ticks since the event before, less one: where a timer that counts half ticks
     /// begins. Of [`Self::NONE`], the most that an event can have.
-    #[inline]
     #[must_use]
     pub const fn half_ticks_less_one(self) -> u32 {
         // The boundary's bit is that of half ticks: 2 ticks and 1, less 2.
@@ -101,14 +92,12 @@ impl StepEvent {
     }
 
     /// Returns the number of what the step and direction pins do, below [`Self::OUTPUTS`].
-    #[inline]
     #[must_use]
     pub const fn output_index(self) -> usize {
         self.0 as usize % Self::OUTPUTS
     }
 
     /// Returns the axes whose pulses begin, bit 0 = X.
-    #[inline]
     #[must_use]
     pub const fn raise(self) -> u32 {
         if self.sets_directions() {
@@ -119,7 +108,6 @@ impl StepEvent {
     }
 
     /// Returns the axes whose pulses end, bit 0 = X.
-    #[inline]
     #[must_use]
     pub const fn drop(self) -> u32 {
         if self.sets_directions() {
@@ -130,7 +118,6 @@ impl StepEvent {
     }
 
     /// Returns the levels of the direction outputs, if the event sets them: bit 0 = X, 1 = negative.
-    #[inline]
     #[must_use]
     pub const fn directions(self) -> Option<u8> {
         if !self.sets_directions() {
@@ -141,14 +128,12 @@ impl StepEvent {
     }
 
     /// Returns whether the event sets the direction outputs.
-    #[inline]
     #[must_use]
     pub const fn sets_directions(self) -> bool {
         self.0 & Self::SET_DIRECTIONS == Self::SET_DIRECTIONS
     }
 
     /// Returns whether the event is the first of a segment.
-    #[inline]
     #[must_use]
     pub const fn is_boundary(self) -> bool {
         self.0 & Self::BOUNDARY != 0

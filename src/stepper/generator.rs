@@ -281,7 +281,6 @@ impl Generator {
     }
 
     /// Begins a segment at the end of the one before.
-    #[inline]
     fn begin_at_end(&mut self, ticks: u32) {
         let slots = (self.offset_ticks + self.ticks) / SLOT_TICKS;
         self.offset_ticks = self.offset_ticks + self.ticks - slots * SLOT_TICKS;
@@ -432,7 +431,6 @@ impl Generator {
     }
 
     /// Adds the steps of an axis to the slots, and the ends of their pulses.
-    #[inline]
     fn add_steps_of(&mut self, axis: usize) {
         let (Some(steps), Some(end)) = (self.axes.get(axis), self.pulse_end_slots.get_mut(axis))
         else {
@@ -517,7 +515,6 @@ impl Default for Generator {
 }
 
 /// Returns whether a slot is the same as another or behind it.
-#[inline]
 const fn is_not_before(slot: u32, other: u32) -> bool {
     slot.wrapping_sub(other).cast_signed() >= 0
 }

@@ -22,7 +22,7 @@
 //! A step costs the same with any number of axes: 50 cycles at most by `Periodic`, 70 of the dominant
 //! axis, and 83 by `Delayed` (`docs/benchmarks.md`). Each method is a loop of its own, so short that it stays in the
 //! instruction cache beside the most frequent tasks: hence `inline(always)` on the parts of two loops, and
-//! `inline(never)` on the loops. [`Cursor::schedule`] is inline so that a loop keeps the cursor in registers. Where
+//! `inline(never)` on the loops. [`Cursor::schedule`] is inlined so that a loop keeps the cursor in registers. Where
 //! neighbours seldom have to move, the function for it is out of line. The order of the fields of [`Slots`] in memory
 //! is fixed: the bits are where one instruction reaches them.
 
@@ -171,7 +171,6 @@ pub(super) struct Placement {
 
 impl Placement {
     /// Returns the method for the steps of the axis.
-    #[inline]
     pub(super) fn method(&self, steps: &AxisSteps) -> Method {
         let min_period = (self.pulse_slots + self.low_slots) * SLOT_TICKS;
         let slot = (self.offset_ticks + steps.next_ticks) / SLOT_TICKS;
@@ -314,7 +313,6 @@ impl Cursor {
     }
 
     /// Returns an event, marked if it is the first of the segment.
-    #[inline]
     pub(super) fn mark_boundary(&mut self, event: StepEvent) -> StepEvent {
         if core::mem::take(&mut self.is_at_boundary) {
             event.at_boundary()
@@ -332,20 +330,17 @@ impl Slots {
     };
 
     /// The event of a slot, or none.
-    #[inline]
     fn event_in(&mut self, slot: u32) -> &mut StepEvent {
         &mut self.events[(slot % SLOTS) as usize]
     }
 
     /// The bits of a slot and its neighbours in a word.
-    #[inline]
     fn occupied_word(&mut self, slot: u32) -> &mut u32 {
         &mut self.occupied[(slot % SLOTS / WORD_BITS) as usize]
     }
 
     /// Adds a step of the axes in `axes` at `ticks` from the slot's start: steps of other axes in the
     /// slot move there, too.
-    #[inline]
     pub(super) fn add_step(&mut self, slot: u32, axes: u32, ticks: u32) {
         let event = self.event_in(slot);
         *event = event
@@ -356,7 +351,6 @@ impl Slots {
 
     /// Moves the events in the slots right before a step, so that the step need not wait: each comes
     /// no later in its slot than the step in its own. An event of `fixed_axes` ends the row.
-    #[inline]
     fn move_neighbours_earlier(&mut self, slot: u32, fixed_axes: u32, ticks: u32) {
         let mut before = slot.wrapping_sub(1);
         // wcet-bound: 2048, wcet-total: neighbours
@@ -367,7 +361,6 @@ impl Slots {
     }
 
     /// Returns whether a slot has an event.
-    #[inline]
     fn is_occupied(&mut self, slot: u32) -> bool {
         *self.event_in(slot) != StepEvent::NONE
     }
@@ -379,7 +372,6 @@ impl Slots {
     }
 
     /// Returns the event of a slot, if there is one and it is of none of `fixed_axes`.
-    #[inline]
     fn movable_event(&mut self, slot: u32, fixed_axes: u32) -> Option<&mut StepEvent> {
         let event = self.event_in(slot);
         let is_fixed = event.bits() & StepEvent::new(0, fixed_axes, fixed_axes).bits() != 0;
@@ -399,7 +391,6 @@ impl Slots {
     }
 
     /// Adds the end of pulses.
-    #[inline]
     pub(super) fn add_pulse_end(&mut self, slot: u32, axes: u32) {
         self.add(slot, StepEvent::new(0, 0, axes));
     }
@@ -416,7 +407,6 @@ impl Slots {
     }
 
     /// Adds an event to a slot.
-    #[inline]
     fn add(&mut self, slot: u32, event: StepEvent) {
         let slot_event = self.event_in(slot);
         *slot_event = slot_event.merged_with(event);
@@ -431,7 +421,6 @@ impl Slots {
 
     /// Clears the bits of a word of slots but for those of `later`. Returns the bits cleared and the
     /// events of the word's slots.
-    #[inline]
     fn drain_word(
         &mut self,
         first: u32,
@@ -510,13 +499,11 @@ impl Slots {
 }
 
 /// Returns the index of the first bit that is set, from the highest.
-#[inline]
 fn first_set(bits: u32) -> Option<u32> {
     NonZeroU32::new(bits).map(NonZeroU32::leading_zeros)
 }
 
 /// Returns the bit of a slot in its word.
-#[inline]
 const fn bit(slot: u32) -> u32 {
     1 << (WORD_BITS - 1) >> (slot % WORD_BITS)
 }

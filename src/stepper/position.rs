@@ -39,7 +39,6 @@ impl PulseCounts {
     const NONE: Self = Self([0; AXES.div_ceil(AXES_IN_WORD)]);
 
     /// Counts a pulse of each axis in `mask`.
-    #[inline]
     fn add(&mut self, mask: u32) {
         /// Moves bits 1 and 2 to those of the second and the third axis, among others.
         const SPREAD: u32 = 1 << (2 * (COUNT_BITS - 1)) | 1 << (COUNT_BITS - 1) | 1;

@@ -76,7 +76,6 @@ impl EventRing {
     }
 
     /// Returns how many events can be pushed now. The other words hold the events played last.
-    #[inline]
     fn room(&self) -> u32 {
         let waiting = self.written_count.load(Relaxed);
         EVENT_RING as u32 - waiting.wrapping_sub(self.output_count.load(Relaxed))
@@ -84,24 +83,20 @@ impl EventRing {
 
     /// Returns the event of a number that has not been output, or [`StepEvent::NONE`] if the number
     /// is that of the event to be written next.
-    #[inline]
     fn pending_event(&self, number: u32) -> StepEvent {
         StepEvent::from_bits(self.word(number).load(Relaxed))
     }
 
     /// Returns the event behind the one that is set up.
-    #[inline]
     fn following(&self) -> StepEvent {
         StepEvent::from_bits(self.following.load(Relaxed))
     }
 
-    #[inline]
     fn set_following(&self, event: StepEvent) {
         self.following.store(event.bits(), Relaxed);
     }
 
     /// Returns the word of an event.
-    #[inline]
     fn word(&self, number: u32) -> &AtomicU32 {
         &self.words[(number & MASK) as usize]
     }
@@ -159,7 +154,6 @@ impl<'a> EventWriter<'a> {
     /// Returns the event unknown to the step interrupt: it has been pushed behind an event that was the last when set
     /// up. To be called once after events have been pushed; the event is for the step timer and, after that, for
     /// [`EventWriter::append`].
-    #[inline]
     #[must_use]
     pub fn appended_late(&self, segments: &SegmentRing) -> Option<StepEvent> {
         if self.ring.following() != StepEvent::NONE || !segments.is_running() {
@@ -175,7 +169,6 @@ impl<'a> EventWriter<'a> {
 
     /// Appends an event for the step interrupt, now that the step timer knows its time. Without
     /// effect if the step interrupt has stopped meanwhile.
-    #[inline]
     pub fn append(&mut self, event: StepEvent) {
         // Not earlier: the step interrupt relies on the timer when it finds the event.
         compiler_fence(SeqCst);
@@ -189,7 +182,6 @@ impl<'a> EventWriter<'a> {
     }
 
     /// Returns how many events can be pushed now.
-    #[inline]
     #[must_use]
     pub fn room(&self) -> u32 {
         self.ring.room()
@@ -208,7 +200,6 @@ impl<'a> EventWriter<'a> {
     }
 
     /// Begins to push events.
-    #[inline]
     pub(super) fn begin(&mut self) -> EventBatch<'_> {
         let number = self.ring.written_count.load(Relaxed);
         EventBatch {
@@ -230,19 +221,16 @@ pub(super) struct EventBatch<'a> {
 
 impl EventBatch<'_> {
     /// Returns how many events can still be pushed.
-    #[inline]
     pub(super) fn room(&self) -> u32 {
         self.end_number.wrapping_sub(self.number)
     }
 
     /// Returns the number of the next event.
-    #[inline]
     pub(super) const fn number(&self) -> u32 {
         self.number
     }
 
     /// Pushes an event, for the reader to see; there must be room.
-    #[inline]
     pub(super) fn push(&mut self, event: StepEvent) {
         let following = self.number.wrapping_add(1);
         self.ring
@@ -253,7 +241,6 @@ impl EventBatch<'_> {
     }
 
     /// Pushes an event behind a reserved event: the reader does not see it yet.
-    #[inline]
     pub(super) fn push_uncommitted(&mut self, event: StepEvent) {
         self.ring.word(self.number).store(event.bits(), Relaxed);
         self.number = self.number.wrapping_add(1);
@@ -261,7 +248,6 @@ impl EventBatch<'_> {
 
     /// Reserves the word of the first of several events that the reader is to see together, for
     /// [`EventBatch::commit_first`].
-    #[inline]
     pub(super) fn reserve_first(&mut self) -> Self {
         let held = *self;
         self.number = self.number.wrapping_add(1);
@@ -269,7 +255,6 @@ impl EventBatch<'_> {
     }
 
     /// Stores the first event in the word reserved: with it the reader sees the events behind it.
-    #[inline]
     pub(super) fn commit_first(&mut self, mut held: Self, event: StepEvent) {
         let ring = self.ring;
         ring.word(self.number)
@@ -277,7 +262,6 @@ impl EventBatch<'_> {
         held.commit(event);
     }
 
-    #[inline]
     fn commit(&mut self, event: StepEvent) {
         // The reader must not see the event before the word behind it.
         compiler_fence(SeqCst);
@@ -285,7 +269,6 @@ impl EventBatch<'_> {
     }
 
     /// Counts all events pushed, for the writer.
-    #[inline]
     pub(super) fn publish(&mut self) {
         self.ring.written_count.store(self.number, Relaxed);
     }
@@ -309,14 +292,12 @@ pub struct EventTap<'a> {
 impl EventTap<'_> {
     /// Returns how many events have been output, wrapping: exactly, at any instant, in any task below
     /// the step interrupt.
-    #[inline]
     #[must_use]
     pub fn output_count(self) -> u32 {
         self.ring.output_count.load(Relaxed)
     }
 
     /// Returns the number of events that may have come too late, wrapping.
-    #[inline]
     #[must_use]
     pub fn late(self) -> u32 {
         self.ring.late()
@@ -325,7 +306,6 @@ impl EventTap<'_> {
     /// Returns how many events have been output or are set up, wrapping, and whether the step
     /// interrupt runs. If it sets up a segment's first event or stops meanwhile, it releases
     /// `segment_start` again.
-    #[inline]
     pub(super) fn committed(self, segments: &SegmentRing) -> (u32, bool) {
         let output = self.output_count();
         compiler_fence(SeqCst);
@@ -356,7 +336,6 @@ impl EventReader<'_> {
     /// Counts the event that was set up as output, and returns what is to be set up next; `None`
     /// after the last event. An event that is pushed behind the last event, after the last was set up, comes too late,
     /// but for [`EventWriter::append`].
-    #[inline]
     pub fn advance(&mut self) -> Option<Upcoming> {
         let ring = self.ring;
         let set_up = ring.output_count.load(Relaxed).wrapping_add(1);
@@ -368,7 +347,6 @@ impl EventReader<'_> {
     }
 
     /// Counts `late` late events, one or none.
-    #[inline]
     pub fn count_late(&mut self, late: u32) {
         let late = self.ring.late().wrapping_add(late);
         self.ring.late_count.store(late, Relaxed);

@@ -97,7 +97,6 @@ impl SegmentRing {
         }
     }
 
-    #[inline]
     fn entry(&self, number: u32) -> &RingEntry {
         &self.entries[number as usize % ENTRIES]
     }
@@ -146,7 +145,6 @@ impl SegmentRing {
     ///
     /// Deadline: before two more segments begin. Until it has run, the segment before
     /// counts as the one being played.
-    #[inline]
     pub fn start_segment(&self, events: EventTap<'_>) -> SegmentStart {
         let (taken, is_running) = events.committed(self);
         let (number, pushed) = (self.begun.load(Relaxed), self.pushed.load(Relaxed));
@@ -178,7 +176,6 @@ impl SegmentRing {
 
     /// Records an underrun, after the step interrupt has stopped in a segment, if something moved and
     /// nobody has halted it.
-    #[inline]
     fn record_underrun(&self, entry: &RingEntry) {
         if entry.flags.load(Relaxed) & IS_MOVING != 0 && !self.is_halted() {
             self.underrun.store(true, Relaxed);
@@ -186,7 +183,6 @@ impl SegmentRing {
     }
 
     /// Records that the step interrupt has stopped, for want of events.
-    #[inline]
     pub fn stop(&self) {
         self.running.store(false, Relaxed);
     }
@@ -198,7 +194,6 @@ impl SegmentRing {
     }
 
     /// Returns whether the step interrupt has been halted and `prepare` has not acted on it.
-    #[inline]
     #[must_use]
     pub fn is_halted(&self) -> bool {
         self.halted.load(Relaxed)
@@ -231,7 +226,6 @@ impl SegmentRing {
 
     /// Returns what a report shows of the segment being played: the step count of each axis at its
     /// start, the speed along the path, mm/min, and the `N` word of its block, 0 without.
-    #[inline]
     #[must_use]
     pub fn status(&self) -> (Axes<i32>, f32, u32) {
         let played = self.played();
@@ -274,7 +268,6 @@ impl SegmentRing {
         self.duty_of(self.played().flags.load(Relaxed))
     }
 
-    #[inline]
     fn duty_of(&self, flags: u32) -> u16 {
         ((flags & self.flags_mask.load(Relaxed)) >> DUTY_SHIFT) as u16
     }
@@ -307,7 +300,6 @@ impl SegmentRing {
     }
 
     /// Returns whether the event ring ran empty in motion and `prepare` has not acted on it.
-    #[inline]
     #[must_use]
     pub fn has_underrun(&self) -> bool {
         self.underrun.load(Relaxed)

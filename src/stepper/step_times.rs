@@ -73,7 +73,6 @@ impl AxisSteps {
 
     /// Returns the time of the next step: 2q/(v + √(v² + 2aq)), the form that never cancels.
     /// Without speed the time is the longest there is.
-    #[inline]
     fn solve(&self) -> u32 {
         let half_reached =
             math::half_root_of_twice(self.half_speed_sqr + self.acceleration * self.distance_steps);
@@ -94,7 +93,6 @@ impl AxisSteps {
     }
 
     /// Moves on to the next step at a constant rate.
-    #[inline]
     pub(super) fn advance_periodic(&mut self) {
         self.remaining -= 1;
         self.time_fixed = self.time_fixed.wrapping_add(self.period_fixed);
@@ -102,7 +100,6 @@ impl AxisSteps {
     }
 
     /// Moves on to the next step where the rate changes.
-    #[inline]
     pub(super) fn advance_solved(&mut self) {
         self.remaining -= 1;
         self.distance_steps += 1.0;

@@ -6,7 +6,7 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_050),
     ("proof", 28_500),
-    ("src", 37_200),
+    ("src", 37_010),
     ("tests", 44_700),
     ("xtask", 23_650),
 ];

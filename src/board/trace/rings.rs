@@ -99,7 +99,6 @@ const fn ring(name: &'static CStr, task: usize) -> Channel {
 }
 
 /// Writes a record of a task, or drops it when there is no room. For the task itself alone.
-#[inline]
 pub(super) fn write<const TASK: usize>([start, duration, latency]: [u32; 3]) {
     let dropped = TRACE_DROPPED[TASK].load(Relaxed);
     let channel = &_SEGGER_RTT.tasks[TASK];

@@ -42,7 +42,6 @@ impl CutterPath {
     ///
     /// # Errors
     /// 92 where the cutter does not fit, 33 for an end that an axis cannot count, 207 where too much waits.
-    #[inline]
     pub(super) fn plan(
         &mut self,
         line: &LineExecution,
@@ -56,7 +55,6 @@ impl CutterPath {
         }
     }
 
-    #[inline(never)]
     fn plan_off_path(
         &mut self,
         line: &LineExecution,
@@ -92,7 +90,6 @@ impl CutterPath {
     }
 
     /// Has the sender told, once, if it leaves the machine standing where a move waits.
-    #[inline(never)]
     pub(super) fn watch_standstill(
         &mut self,
         machine: &Snapshot,
@@ -109,7 +106,6 @@ impl CutterPath {
 
     /// Ends compensation where the last move has led, and forgets what waits. Nothing that has been sent is dropped:
     /// `prepare` goes on from the exact end, and not from the whole steps.
-    #[inline(never)]
     pub(super) fn cancel(&mut self, path: &PathSender, line: &mut LineExecution) {
         let interpreter = &mut line.interpreter;
         if interpreter.is_compensating() || interpreter.is_off_path() {

@@ -14,7 +14,6 @@ use crate::{
 
 impl Session {
     /// Lends a dialect what it works with.
-    #[inline]
     fn lend<'a>(&'a mut self, ports: &Ports<'a, '_>) -> (&'a mut RepRap, SessionContext<'a>) {
         let is_done = self.path.is_done(ports.machine);
         let reset_count = self.path.sync.reset_count;
@@ -40,7 +39,6 @@ impl Session {
 
     /// Adopts the dialect once the changing line has been answered, and does the work that cannot wait for the lines
     /// before.
-    #[inline]
     pub(super) fn attend_dialect(&mut self, ports: &mut Ports<'_, '_>) {
         let dialect = Dialect::of(self.settings());
         let is_between_lines = matches!(
@@ -62,7 +60,6 @@ impl Session {
     }
 
     /// Returns the step by a dialect beside Grbl's for the next line, or for the line that has been begun.
-    #[inline]
     pub(super) fn read_in_dialect(&mut self, ports: &mut Ports<'_, '_>) -> Option<NextStep> {
         let (host, mut conversation) = self.lend(ports);
         host.read_line(&mut conversation, ports.received)

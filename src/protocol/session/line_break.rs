@@ -34,7 +34,6 @@ impl LineBreak {
     /// board is plugged in, and a machine that nobody has moved must not want a `~` first. Nor does it end a wait for
     /// the operator.
     #[cold]
-    #[inline(never)]
     pub(super) fn take_hold(&mut self, state: State, left: WorkLeft) -> Option<bool> {
         let has_its_end_first = match state {
             State::Home => true,

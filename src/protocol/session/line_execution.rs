@@ -305,7 +305,6 @@ impl LineExecution {
 
     /// Reports what a refused line lacks, where that can be said.
     #[cold]
-    #[inline(never)]
     pub(super) fn write_hint(&self, error: LineError, settings: &Settings, message: &mut Text) {
         let text = self.input.text().unwrap_or_default();
         let hint = self.interpreter.hint(&self.prefix, text, settings, error);
@@ -321,7 +320,6 @@ impl LineExecution {
     /// # Errors
     /// As [`Interpreter::check_jog`], and 15 for a
     /// target beyond soft limits.
-    #[inline(never)]
     fn check_jog(
         &mut self,
         settings: &Settings,

@@ -66,7 +66,6 @@ impl MachineSync {
     }
 
     /// Counts a sent entry; `end_ms` is the duration of all moves so far, its own included.
-    #[inline]
     pub(super) fn count_entry(&mut self, end_ms: u32) {
         self.entered = self.entered.wrapping_add(1);
         self.duration.add(end_ms);
@@ -78,7 +77,6 @@ impl MachineSync {
     }
 
     /// Returns whether the work behind that in execution lasts longer than a limit.
-    #[inline]
     pub(super) fn lasts_longer_than(&self, limit_ms: u32, machine: &Snapshot) -> bool {
         let unfinished = self.entered.wrapping_sub(machine.finished);
         unfinished > 1 && self.duration.of_newest_ms(unfinished - 1) > limit_ms

@@ -98,7 +98,6 @@ impl Session {
     }
 
     /// Sends what compensation has released, and the commands of the line from the given one on, as far as there is room.
-    #[inline(never)]
     pub(super) fn send_compensated(&mut self, first: usize, ports: &mut Ports<'_, '_>) -> Progress {
         let mut next = first;
         let (line, path) = (&mut self.line, &mut self.path);
@@ -363,7 +362,6 @@ impl PathSender {
     ///
     /// The rest of a command that backlash divides does not wait for that, as its line has no answer yet. Nor does a
     /// jog: a jog that waited here would begin when the jogs before have been cancelled.
-    #[inline]
     fn is_enough_queued(&self, line: &LineExecution, machine: &Snapshot) -> bool {
         let slowest = machine.overrides.feed.min(machine.overrides.rapid);
         let queued_motion_s = self.router.settings().queued_motion_s;
@@ -375,7 +373,6 @@ impl PathSender {
             && self.is_braking_known(machine)
     }
 
-    #[inline(never)]
     fn is_braking_known(&self, machine: &Snapshot) -> bool {
         let braking_ms = 1_000.0 * self.router.longest_braking_s();
         self.sync.lasts_longer_than(braking_ms as u32, machine)
@@ -433,7 +430,6 @@ impl PathSender {
     }
 
     /// Enqueues the work of a command, and counts it; there is room. Returns false for a move without a step.
-    #[inline(never)]
     fn enqueue(&mut self, command: &Command, entries: &mut Producer<'_, Entry>) -> bool {
         let cancellation_count = self.sync.cancellation_count();
         let enqueue = |work| {

@@ -18,7 +18,6 @@ const MAX_NOTICES: usize = 8;
 
 impl Session {
     /// Sends the message that waits, and all notices. Returns false when there is no room.
-    #[inline]
     pub(super) fn send_pending(&mut self, ports: &mut Ports<'_, '_>) -> bool {
         if self.reports.message.is_empty() {
             let text = &mut self.reports.message;
@@ -31,7 +30,6 @@ impl Session {
     /// Sends all notices. Returns false when there is no room.
     ///
     /// Before a welcome these are only alarms, the reason of the lock: an open door comes after it.
-    #[inline(never)]
     fn send_notices(&mut self, ports: &mut Ports<'_, '_>) -> bool {
         for _ in 0..MAX_NOTICES {
             let mut seen = self.reports.notices;

@@ -47,7 +47,6 @@ impl OperatorMessages {
     }
 
     /// Writes the oldest message, if the machine has come to its line.
-    #[inline]
     pub(super) fn write_due(&mut self, machine: &Snapshot, text: &mut Text) {
         let has_passed = |message: &OperatorMessage| {
             machine.finished.wrapping_sub(message.due).cast_signed() >= 0

@@ -172,7 +172,6 @@ impl PathSender {
         }
     }
 
-    #[inline(never)]
     fn flush_near_end(&mut self, machine: &Snapshot, entries: &mut Producer<'_, Entry>) {
         let waiting = self.sync.entered.wrapping_sub(machine.finished);
         let is_near_end = waiting < HANDOVER_ENTRIES
@@ -184,7 +183,6 @@ impl PathSender {
     }
 
     /// Sends the moves that are ready. Returns false when there is no room for all of them.
-    #[inline]
     pub(super) fn drain(&mut self, entries: &mut Producer<'_, Entry>) -> bool {
         self.blender.front().is_none() || self.drain_ready(entries)
     }

@@ -105,7 +105,6 @@ impl Persistence {
     }
 
     /// Ends the requested change.
-    #[inline(never)]
     pub(super) fn finish(&mut self, mut result: Result<(), StoreError>) {
         if let StoreState::Postponed(change) = self.state {
             self.finish_postponed(change, result);
@@ -267,7 +266,6 @@ impl Session {
     }
 
     /// Stores the offset or the position that the line sets, and then executes the line.
-    #[inline(never)]
     pub(super) fn store_new_origins(&mut self, machine: &Snapshot) -> Progress {
         let origins = self.line.interpreter.origins_after(&self.line.checked);
         let record = origins.as_ref().map(NewRecord::Origins);
@@ -275,7 +273,6 @@ impl Session {
     }
 
     /// Stores the offset that the line wants set at the contact of its probing move, and then ends the line.
-    #[inline(never)]
     pub(super) fn store_contact(&mut self, machine: &Snapshot) -> Progress {
         let contact = self.settings().position_of(machine.probed.steps);
         let checked = &self.line.checked;
@@ -288,7 +285,6 @@ impl Session {
     }
 
     /// Executes `$TTn=` with this number of bytes behind the `=`; without any, the tool is removed.
-    #[inline(never)]
     pub(super) fn set_tool(
         &mut self,
         machine: &Snapshot,
@@ -309,7 +305,6 @@ impl Session {
 
     /// Returns whether flash may be erased now: at Idle only, with spindle and laser off. A spindle that is on at
     /// speed 0 may turn all the same, by a relay.
-    #[inline(never)]
     #[must_use]
     pub fn erasing(&self, machine: &Snapshot) -> Erasing {
         let is_idle = machine.state == State::Idle && self.path.is_done(machine);

@@ -29,7 +29,6 @@ pub(super) struct PositionStream {
 
 impl PositionStream {
     /// Returns the events that the stream needs.
-    #[inline]
     pub(super) fn awaited(&self, settings: &Settings) -> Awaited {
         if settings.stream_interval_ms < 1.0 {
             Awaited::NONE
@@ -41,7 +40,6 @@ impl PositionStream {
     }
 
     /// Sends the position if it has changed and a line is due; or, where other messages wait, leaves it out.
-    #[inline(never)]
     pub(super) fn send_changed(
         &mut self,
         machine: &Snapshot,

@@ -27,7 +27,6 @@ impl Session {
     /// Refuses a line, and holds a program that moves the machine: later lines count on the refused line. A jog, and a
     /// machine at rest, are not held.
     #[cold]
-    #[inline(never)]
     pub(super) fn refuse_with_hold(&mut self, error: LineError, ports: &Ports<'_, '_>) -> Progress {
         let holds = !self.path.is_done(ports.machine) && !self.path.sync.is_jogging;
         if holds {
@@ -53,7 +52,6 @@ impl Session {
 
     /// Holds the machine before the line, which follows a refused one: all that has been accepted is done first.
     #[cold]
-    #[inline(never)]
     pub(super) fn hold_after_refusal(&mut self, ports: &Ports<'_, '_>) -> Progress {
         if self.path.is_done(ports.machine) {
             self.path.sync.follows_refused = false;
@@ -257,13 +255,11 @@ impl Session {
     }
 
     /// Returns whether the line has a message for which there is no room.
-    #[inline]
     pub(super) fn waits_for_message(&self, is_pause: bool) -> bool {
         self.operator_messages.is_full() && !self.line.operator_text(is_pause).is_empty()
     }
 
     /// Keeps the message of the line, if any, until the entries that have been sent are finished.
-    #[inline]
     pub(super) fn queue_message(&mut self, is_pause: bool, machine: &Snapshot) {
         if !self.line.input.comment().is_empty() {
             self.queue_comment(is_pause, machine);
@@ -271,7 +267,6 @@ impl Session {
     }
 
     #[cold]
-    #[inline(never)]
     fn queue_comment(&mut self, is_pause: bool, machine: &Snapshot) {
         let text = self.line.operator_text(is_pause);
         if text.is_empty() {

@@ -30,20 +30,17 @@ impl Default for QueuedDuration {
 
 impl QueuedDuration {
     /// Adds an entry; `end_ms` is [`Router::duration_ms`](crate::path::Router::duration_ms), its own included.
-    #[inline]
     pub(super) fn add(&mut self, end_ms: u32) {
         self.count = self.count.wrapping_add(1);
         self.ends_ms[self.count as usize % KNOWN_ENTRIES] = end_ms;
     }
 
     /// Returns the duration of so many of the newest entries, ms.
-    #[inline]
     pub(super) fn of_newest_ms(&self, entries: u32) -> u32 {
         self.end_ms(0).wrapping_sub(self.end_ms(entries))
     }
 
     /// Returns the duration up to the end of the entry that is so many before the newest, ms, wrapping.
-    #[inline]
     fn end_ms(&self, entries: u32) -> u32 {
         self.ends_ms[self.count.wrapping_sub(entries) as usize % KNOWN_ENTRIES]
     }

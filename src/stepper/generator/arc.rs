@@ -51,7 +51,6 @@ impl ArcInSegments {
     }
 
     /// Returns a step of the segment.
-    #[inline]
     fn step(&self, number: usize) -> Option<ArcStep> {
         (number < self.count)
             .then(|| self.steps.get(number).copied())
@@ -59,7 +58,6 @@ impl ArcInSegments {
     }
 
     /// Returns the motion of an axis at a position besides the arc: an axis of the arc has none.
-    #[inline]
     pub(super) fn motion_off_arc(
         &self,
         axis: usize,
@@ -162,7 +160,6 @@ impl Generator {
 
     /// Adds steps from a number on, in the slot `free` and after it, up to a step with another direction. Returns the
     /// number of this step, and the slot after the last added one.
-    #[inline]
     fn add_arc_steps_up_to_reversal(&mut self, mut number: usize, mut free: i32) -> (usize, i32) {
         let base = self.base_slot;
         let pulse = pulse_slots(self.pulse_ticks);
