@@ -17,9 +17,9 @@ use std::{
 
 pub use core::sync::atomic::Ordering;
 
-/// Whether a task runs.
+/// Whether a task is pending.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Release {
+pub enum Pending {
     /// Not now.
     Never,
     /// Now or later, as for what comes from outside.
@@ -33,7 +33,7 @@ pub struct Task {
     /// Tasks of a lower priority are interrupted by it; what [`explore`] runs has priority 0.
     pub priority: u8,
     /// Whether it runs; without an access to an atomic.
-    pub release: Box<dyn Fn() -> Release>,
+    pub pending: Box<dyn Fn() -> Pending>,
     /// A run of it.
     pub run: Box<dyn Fn()>,
 }
@@ -324,17 +324,16 @@ fn interrupt() {
     let tasks = with(|memory| memory.tasks.clone());
     loop {
         let urgent = tasks.iter().filter(|task| task.priority > priority);
-        let released = urgent.map(|task| (task, (task.release)()));
-        let released = released.filter(|(_, release)| *release != Release::Never);
-        let released: Vec<_> = released.collect();
-        let certain = released
+        let all = urgent.map(|task| (task, (task.pending)()));
+        let pending: Vec<_> = all
+            .filter(|(_, pending)| *pending != Pending::Never)
+            .collect();
+        let certain = pending
             .iter()
-            .find(|(_, release)| *release == Release::Certain);
+            .find(|(_, pending)| *pending == Pending::Certain);
         let task = certain.or_else(|| {
-            let choice = with(|memory| memory.choose(released.len() + 1));
-            choice
-                .checked_sub(1)
-                .and_then(|choice| released.get(choice))
+            let choice = with(|memory| memory.choose(pending.len() + 1));
+            choice.checked_sub(1).and_then(|choice| pending.get(choice))
         });
         let Some((task, _)) = task else {
             return;

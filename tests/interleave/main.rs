@@ -10,7 +10,7 @@ mod steps;
 
 use std::{cell::RefCell, rc::Rc};
 
-use leadscrew::atomic::{Executions, Fences, Release, Task, explore};
+use leadscrew::atomic::{Executions, Fences, Pending, Task, explore};
 
 /// Executions of a scenario at most: it has to end before.
 const MOST: u64 = 300_000;
@@ -22,12 +22,12 @@ fn shared<T>(value: T) -> Shared<T> {
     Rc::new(RefCell::new(value))
 }
 
-/// The release of a task that may run now if a condition is met.
-fn possible(condition: bool) -> Release {
+/// A task that may run now if a condition is met.
+fn possible(condition: bool) -> Pending {
     if condition {
-        Release::Possible
+        Pending::Possible
     } else {
-        Release::Never
+        Pending::Never
     }
 }
 
@@ -37,7 +37,7 @@ fn task(priority: u8, times: u32, run: impl Fn() + 'static) -> Task {
     let is_left = left.clone();
     Task {
         priority,
-        release: Box::new(move || possible(*is_left.borrow() != 0)),
+        pending: Box::new(move || possible(*is_left.borrow() != 0)),
         run: Box::new(move || {
             *left.borrow_mut() -= 1;
             run();

@@ -4,7 +4,7 @@
 use std::{cell::RefCell, rc::Rc};
 
 use leadscrew::{
-    atomic::{AtomicU32, Ordering::Relaxed, Release, Task, barrier, end},
+    atomic::{AtomicU32, Ordering::Relaxed, Pending, Task, barrier, end},
     axis::Axes,
     model::{Power, queues::EVENT_RING},
     stepper::{
@@ -152,7 +152,7 @@ impl Machine {
         let (step, is_left, timer) = (self.step(timer), left.clone(), timer.clone());
         Task {
             priority: 5,
-            release: Box::new(move || {
+            pending: Box::new(move || {
                 possible(timer.borrow().is_running && *is_left.borrow() != 0)
             }),
             run: Box::new(move || {
@@ -170,15 +170,13 @@ impl Machine {
         Task {
             // That of the token: no event comes meanwhile.
             priority: 5,
-            release: Box::new(move || possible(running.borrow().is_running && !*is_over.borrow())),
+            pending: Box::new(move || possible(running.borrow().is_running && !*is_over.borrow())),
             run: Box::new(move || {
                 *is_halted.borrow_mut() = true;
                 let mut timer = timer.borrow_mut();
                 timer.is_running = false;
                 timer.set_up = None;
                 event_tap.halt(segments);
-                // As `release_prepare` and a stopped timer do.
-                timer.is_start_pending = true;
             }),
         }
     }
@@ -189,11 +187,11 @@ impl Machine {
         let (timer, duties, released) = (timer.clone(), duties.clone(), timer.clone());
         Task {
             priority: 3,
-            release: Box::new(move || {
+            pending: Box::new(move || {
                 if released.borrow().is_start_pending {
-                    Release::Certain
+                    Pending::Certain
                 } else {
-                    Release::Never
+                    Pending::Never
                 }
             }),
             run: Box::new(move || {
@@ -326,7 +324,7 @@ fn segments(steps: u32, with_halt: bool) -> usize {
             // As `report` has seen it.
             expect(&(line < 2 || steps[0] == 1), &true, "the steps of the line")?;
             let run_start = || {
-                while (start.release)() == Release::Certain {
+                while (start.pending)() == Pending::Certain {
                     (start.run)();
                 }
             };
