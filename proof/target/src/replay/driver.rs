@@ -7,9 +7,8 @@ use grbl_client::{InFlight, Line, Response, realtime};
 use simulation::machine::SwitchPositions;
 use target::emulator::{Emulator, Patience};
 
-/// How long the firmware may be silent, without the time that QEMU waits for a processor. With every instruction followed on
-/// a busy machine, the steps leave little time to answer.
-const TIMEOUT: Duration = Duration::from_mins(5);
+/// How long the firmware may be silent, without the time that QEMU waits for a processor.
+const TIMEOUT: Duration = Duration::from_mins(1);
 /// Time between two questions for the state.
 const PAUSE: Duration = Duration::from_millis(2);
 /// After this silence it is asked for its state.

@@ -267,9 +267,8 @@ fn hold(driver: &mut Driver, settings: &[String], is_beam: bool) -> Result<()> {
         driver.realtime(OVERRIDES[(round + 5) % 12])?;
         driver.realtime(b"?~?")?;
         driver.stream(["G1X1", "X-1"], |_| b"!~")?;
-        driver.wait_for("Hold:0")?;
-        driver.realtime(b"~")?;
-        driver.finish()?;
+        // Whether these end in a hold depends on when each byte comes; one that is left would keep the next lines.
+        driver.come_to_rest()?;
     }
     driver.realtime(&[0x90, 0x95, 0x99])?;
     driver.run(["M5"])?;
