@@ -95,6 +95,80 @@ impl Clocks {
     }
 }
 
+/// What a manual allows: the proof of the timing rests on it.
+struct ManualLimits {
+    manual: &'static str,
+    /// The features of the HAL for its chips.
+    hals: &'static [&'static str],
+    /// The fastest clock of the core for 0 wait states of the flash, for 1 and so on, MHz, with a supply of 2.7 V or
+    /// more.
+    wait_states_mhz: &'static [u32],
+    /// The fastest clock of the buses APB1 and APB2, MHz.
+    buses_mhz: [u32; 2],
+}
+
+/// RM0090 table 10, RM0390 table 5, RM0383 table 5 (flash); 7.2, 6.2 and 6.2 (clocks).
+const MANUALS: [ManualLimits; 4] = [
+    ManualLimits {
+        manual: "RM0090",
+        hals: &["f405", "f407"],
+        wait_states_mhz: &[30, 60, 90, 120, 150, 168],
+        buses_mhz: [42, 84],
+    },
+    ManualLimits {
+        manual: "RM0090",
+        hals: &["f429"],
+        wait_states_mhz: &[30, 60, 90, 120, 150, 180],
+        buses_mhz: [45, 90],
+    },
+    ManualLimits {
+        manual: "RM0390",
+        hals: &["f446"],
+        wait_states_mhz: &[30, 60, 90, 120, 150, 180],
+        buses_mhz: [45, 90],
+    },
+    ManualLimits {
+        manual: "RM0383",
+        hals: &["f411"],
+        wait_states_mhz: &[30, 64, 90, 100],
+        buses_mhz: [50, 100],
+    },
+];
+
+/// Returns what clocks promise beyond the manual of a chip, if anything.
+fn beyond_manual(hal: &str, clocks: Clocks) -> Option<String> {
+    let mut manuals = MANUALS.iter();
+    let Some(limits) = manuals.find(|limits| limits.hals.contains(&hal)) else {
+        return Some(format!(
+            "the limits of the clocks of `{hal}` are not known (MANUALS in boards/src/chip.rs)"
+        ));
+    };
+    let (manual, core_mhz) = (limits.manual, clocks.core_mhz);
+    let mut fast_enough = limits.wait_states_mhz.iter();
+    let Some(least) = fast_enough.position(|fastest| core_mhz <= *fastest) else {
+        return Some(format!("{manual} does not allow a core at {core_mhz} MHz"));
+    };
+    if usize::from(clocks.flash_wait_states) < least {
+        return Some(format!(
+            "{manual} requires {least} wait states of the flash at {core_mhz} MHz, not {}",
+            clocks.flash_wait_states
+        ));
+    }
+    let dividers = [("apb1", clocks.apb1_divider), ("apb2", clocks.apb2_divider)];
+    let mut buses = dividers.into_iter().zip(limits.buses_mhz);
+    buses.find_map(|((bus, divider), fastest_mhz)| {
+        if ![1, 2, 4, 8, 16].contains(&divider) {
+            return Some(format!("`{bus}_divider` is 1, 2, 4, 8 or 16"));
+        }
+        let is_too_fast = core_mhz > fastest_mhz * u32::from(divider);
+        is_too_fast.then(|| {
+            format!(
+                "{manual} allows {fastest_mhz} MHz on {bus}: a core at {core_mhz} MHz divided by {divider} is faster"
+            )
+        })
+    })
+}
+
 impl fmt::Display for Clocks {
     /// Writes the core's MHz, the wait states, and the dividers of both buses: `168/5/4/2`.
     fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -127,6 +201,9 @@ impl Chip {
             .map_err(|error| Fault::of_file(file, format!("cannot be read: {error}")))?;
         let chip: Self =
             toml::from_str(&text).map_err(|error| Fault::of_file(file, error.to_string()))?;
+        if let Some(message) = beyond_manual(&chip.hal, chip.clocks) {
+            return Err(Fault::of_file(file, message));
+        }
         let core_mhz = chip.clocks.core_mhz;
         if core_mhz != USUAL_MHZ && chip.clocks.feature().is_none() {
             let classes = CLASSES.map(|(mhz, _)| mhz.to_string()).join(", ");

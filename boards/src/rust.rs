@@ -34,6 +34,7 @@ pub fn rust(board: &Board, axes: usize) -> String {
         .expect("the caller has asked how many axes there are");
     let usart = wiring.serial.usart;
     let last = board.memory(axes).last;
+    let clocks = board.chip.clocks;
     let mut text = format!(
         "/// The board's file.
 const _: &[u8] = include_bytes!({:?});
@@ -44,6 +45,9 @@ pub(super) type Usart = pac::USART{usart};
 /// The clock of the timers 2 to 7 and 12 to 14.
 pub(super) const SLOW_TIMERS_HZ: u32 = {};
 
+/// The clocks of the buses APB1 and APB2.
+pub(super) const BUSES_HZ: [u32; 2] = [{}, {}];
+
 /// Number and first address of the last sector of the flash without settings.
 #[allow(dead_code, reason = \"the bring-up erases it\")]
 pub(super) const LAST_SECTOR: (u8, usize) = ({}, {});
@@ -52,7 +56,9 @@ pub(super) const LAST_SECTOR: (u8, usize) = ({}, {});
 pub(super) static WIRING: Wiring = Wiring {{
 ",
         board.file.display().to_string(),
-        megahertz(board.chip.clocks.apb1_timers_mhz()),
+        megahertz(clocks.apb1_timers_mhz()),
+        megahertz(clocks.core_mhz / u32::from(clocks.apb1_divider)),
+        megahertz(clocks.core_mhz / u32::from(clocks.apb2_divider)),
         last.sector,
         hexadecimal(last.address)
     );

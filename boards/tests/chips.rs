@@ -69,3 +69,30 @@ fn the_firmware_and_the_chips_have_the_same_clocks() {
         assert!(line.is_some_and(|line| line.contains(&own)), "{own}");
     }
 }
+
+#[test]
+fn a_chip_that_promises_more_than_its_manual_allows_is_refused() {
+    let refused = |name: &str, old: &str, new: &str| with_chip(name, old, new).expect_err(new);
+    let error = refused("fast-flash", "wait_states = 3", "wait_states = 2");
+    let told = "RM0383 requires 3 wait states of the flash at 96 MHz, not 2";
+    assert!(error.contains(told), "{error}");
+    let error = refused("fast-bus", "apb1_divider = 2", "apb1_divider = 1");
+    let told = "RM0383 allows 50 MHz on apb1: a core at 96 MHz divided by 1 is faster";
+    assert!(error.contains(told), "{error}");
+    let error = refused("odd-divider", "apb1_divider = 2", "apb1_divider = 3");
+    assert!(error.contains("`apb1_divider` is 1, 2, 4"), "{error}");
+    let error = refused("overclocked", "core_mhz = 96", "core_mhz = 168");
+    let told = "RM0383 does not allow a core at 168 MHz";
+    assert!(error.contains(told), "{error}");
+    let error = refused("unknown", "hal = \"f411\"", "hal = \"f412\"");
+    assert!(error.contains("`f412` are not known"), "{error}");
+}
+
+#[test]
+fn a_chip_with_more_wait_states_than_its_manual_requires_is_read() {
+    let slow = with_chip("slow-flash", "wait_states = 3", "wait_states = 4");
+    assert_eq!(
+        slow.expect("it is allowed").chip.clocks.flash_wait_states,
+        4
+    );
+}

@@ -14,7 +14,7 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    chosen::{TIMERS_MHZ, WIRING, flash_access},
+    chosen::{BUSES_HZ, TIMERS_MHZ, WIRING, flash_access},
     crystal, pac,
 };
 
@@ -41,7 +41,7 @@ pub(super) struct Clocks {
 ///
 /// # Panics
 ///
-/// If the core does not count half ticks with the crystal, or TIM9 and TIM10 do not count its cycles: every time would be wrong.
+/// If the clock of the core, of a bus, or of TIM9 and TIM10 is not the one of the board's chip: every time would be wrong.
 #[expect(unsafe_code, reason = "a register that nobody owns")]
 pub(super) fn start(mut rcc: Rcc, flash: &pac::FLASH) -> Clocks {
     // SAFETY: the flag is only read, and the field of the voltage is written here alone, before tasks run.
@@ -55,10 +55,15 @@ pub(super) fn start(mut rcc: Rcc, flash: &pac::FLASH) -> Clocks {
         raise_voltage(power);
         rcc = rcc.freeze(from_crystal().sysclk(Hertz::from_raw(WIRING.core_hz)));
         await_pll(&rcc);
-        let (core_hz, timers_hz) = (rcc.clocks.hclk().raw(), rcc.clocks.timclk2().raw());
+        let set = &rcc.clocks;
+        let (core_hz, timers_hz) = (set.hclk().raw(), set.timclk2().raw());
+        let buses_hz = [set.pclk1().raw(), set.pclk2().raw()];
         assert!(
-            core_hz == 2 * TICKS_PER_SECOND && timers_hz == u32::from(TIMERS_MHZ) * 1_000_000,
-            "the step timer counts half ticks, and TIM9 and TIM10 count what their dividers are for"
+            core_hz == 2 * TICKS_PER_SECOND
+                && timers_hz == u32::from(TIMERS_MHZ) * 1_000_000
+                && buses_hz == BUSES_HZ,
+            "the step timer counts half ticks, TIM9 and TIM10 count what their dividers are for, and an access to a bus \
+             takes as long as the proof counts"
         );
         assert!(
             is_core_clock(&rcc),

@@ -4,7 +4,7 @@ use super::sources;
 
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
-    ("boards", 4_050),
+    ("boards", 4_140),
     ("proof", 28_500),
     ("src", 37_010),
     ("tests", 44_700),
