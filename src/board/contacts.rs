@@ -13,7 +13,7 @@ use super::{
 };
 
 /// Time between two runs while the inputs do not change, µs.
-const IDLE_PERIOD_US: u16 = 1000;
+pub(super) const IDLE_PERIOD_US: u16 = 1000;
 /// Time between two samples, µs.
 const SAMPLE_PERIOD_US: u16 = (SAMPLE_TICKS / TICKS_PER_US) as u16;
 /// Where in each of these periods the timer sets a flag for `idle`, µs: far from their ends, which release `inputs` and

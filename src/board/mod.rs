@@ -14,6 +14,7 @@ mod chosen;
 mod clocks;
 #[cfg_attr(feature = "qemu", path = "qemu/contacts.rs")]
 mod contacts;
+mod counted_on;
 mod crystal;
 mod delay_timer;
 #[cfg(feature = "eeprom")]

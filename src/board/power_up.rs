@@ -25,7 +25,7 @@ use super::{
 };
 
 /// Bits a second that sender and firmware exchange.
-const BAUD: u32 = 115_200;
+pub(super) const BAUD: u32 = 115_200;
 /// Priority of `serial_rx` in `src/app.rs`.
 const SERIAL_PRIORITY: u8 = 4;
 

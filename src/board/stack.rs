@@ -8,7 +8,7 @@ use cortex_m::{asm, peripheral::MPU};
 
 /// Size of the guard, bytes, a power of two: larger than any frame of a task, so that none steps
 /// over the guard. `stack_guard_bytes` in `schedule.toml` is the same.
-const GUARD_BYTES: u32 = 4096;
+pub(super) const GUARD_BYTES: u32 = 4096;
 
 #[expect(unsafe_code, reason = "a symbol of the linker script")]
 unsafe extern "C" {

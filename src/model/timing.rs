@@ -34,8 +34,10 @@ pub(crate) const PULSE_LOW_SLOTS: u32 = 1 + PULSE_LOW_TICKS.div_ceil(SLOT_TICKS)
 pub const TICK_MS: u32 = 10;
 /// Value of `$1` with which the drivers stay enabled at rest, as in Grbl 1.1 (`config.h`).
 pub(crate) const IDLE_DELAY_INFINITE: u8 = 255;
-/// Period of the samples of the reference motion, s.
-pub(crate) const SAMPLE_S: f32 = 1.0e-3;
+/// Period of the samples of the reference motion, µs ...
+pub const REFERENCE_SAMPLE_US: u32 = 1_000;
+/// ... and s.
+pub(crate) const SAMPLE_S: f32 = REFERENCE_SAMPLE_US as f32 / 1e6;
 
 /// Returns the slots from a step to the end of its pulse.
 #[must_use]

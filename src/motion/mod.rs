@@ -14,5 +14,6 @@ mod trapezoid;
 
 pub use cycles::homing::Homing;
 pub use lookahead::LookAhead;
-pub use prepare::{Motion, Prepared};
+pub use prepare::{Motion, Prepared, REQUEST_INTERVAL_TICKS};
 pub use queue::{BLOCKS, QueuedBlock};
+pub use segment_rate::{MAX_STEP_RATE_HZ, MEAN_SEGMENT_US, STEPS_PER_SEGMENT};

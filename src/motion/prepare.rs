@@ -20,6 +20,8 @@ mod publish;
 mod requests;
 mod standstill;
 
+pub use job::REQUEST_INTERVAL_TICKS;
+
 use heapless::spsc::Consumer;
 
 use self::{

@@ -19,15 +19,17 @@ use crate::{
     units::{FineSteps, TICKS_PER_SECOND},
 };
 
-/// Shortest mean duration of segments, s: `prepare` keeps up with it at the greatest step rate. `segment`
+/// Shortest mean duration of segments, µs: `prepare` keeps up with it at the greatest step rate. `segment`
 /// in `schedule.toml`.
-const MEAN_SEGMENT_S: f32 = 0.7e-3;
+pub const MEAN_SEGMENT_US: u32 = 700;
+/// The same, s.
+const MEAN_SEGMENT_S: f32 = MEAN_SEGMENT_US as f32 / 1e6;
 /// Steps that cost no less than a segment of a line: for each as many steps below the step rate, one more
 /// segment may be made. `[substitution]` in `schedule.toml` proves it.
-const STEPS_PER_SEGMENT: u32 = 78 + 12 * (AXES as u32 - 3);
+pub const STEPS_PER_SEGMENT: u32 = 78 + 12 * (AXES as u32 - 3);
 /// Greatest step rate counted on for that, Hz: the ring of segments then always holds as much time as
 /// `prepare` needs, by the assertion below.
-const MAX_STEP_RATE_HZ: u32 = 200_000;
+pub const MAX_STEP_RATE_HZ: u32 = 200_000;
 const _: () = {
     let ahead_s = QUEUED_AHEAD_TICKS as f32 / TICKS_PER_SECOND as f32;
     let segments =

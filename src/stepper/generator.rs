@@ -36,7 +36,7 @@ const OTHER_EVENTS: u32 = 2 + AXES as u32;
 /// Bounds the slots from a segment's last event, with which the queue runs empty, to the segment's
 /// end. The deadline of segments in `schedule.toml` relies on it, and
 /// `the_last_event_of_a_segment_comes_shortly_before_its_end` tests it.
-const END_SLOTS: u32 = 16;
+pub const END_SLOTS: u32 = 16;
 /// A bit for each axis.
 const ALL_AXES: u32 = (1 << AXES) - 1;
 

@@ -26,7 +26,7 @@ mod step_arc;
 mod step_times;
 
 pub use event::StepEvent;
-pub use generator::Generator;
+pub use generator::{END_SLOTS, Generator};
 pub use integer_arc::{IntegerArc, StepRule, UnitStep};
 pub use jitter::STEP_JITTER_TICKS;
 pub use phases::{COILS, PHASES, PhaseDrive, PhaseSteps, Phases, coils};

@@ -5,28 +5,39 @@ use crate::support::{
 };
 use leadscrew::{
     axis::{AXES, Axes},
-    model::{Command, Plane, Rotation, timing::EVENT_SPACING_TICKS},
+    model::{
+        Command, Plane, Rotation,
+        timing::{EVENT_SPACING_TICKS, MAX_SEGMENT_TICKS},
+    },
+    motion::{MEAN_SEGMENT_US, STEPS_PER_SEGMENT},
     settings::{Settings, StepRate},
     sim::Edge,
-    units::TICKS_PER_MS,
+    units::TICKS_PER_US,
 };
 use proptest::prelude::*;
 
 /// `segment`, `jerk_limited_segment` and `extra_segments` in schedule.toml.
-const MEAN_TICKS: u32 = TICKS_PER_MS * 7 / 10;
-const JERK_LIMITED_MEAN_TICKS: u32 = TICKS_PER_MS * 3 / 4;
+const MEAN_TICKS: u32 = TICKS_PER_US * MEAN_SEGMENT_US;
+const JERK_LIMITED_MEAN_TICKS: u32 = MAX_SEGMENT_TICKS / 2;
 const JERK_LIMITED_EXTRA_SEGMENTS: u32 = 2;
-/// `substituted_steps` there: one segment may come instead of this number of steps.
-const STEPS_PER_SEGMENT: f64 = (78 + 12 * (AXES - 3)) as f64;
 /// The same as `extra_segments`: one of them is the segment begun before the window.
 const EXTRA_SEGMENTS: f64 = 2.0;
 /// `longest_segment` there: with a standstill that comes and goes in the same step.
-const LONGEST_TICKS: u32 = TICKS_PER_MS * 3 / 2 + EVENT_SPACING_TICKS;
+const LONGEST_TICKS: u32 = MAX_SEGMENT_TICKS + EVENT_SPACING_TICKS;
 
 #[test]
-fn the_proof_counts_on_the_longest_segment() {
+fn the_proof_counts_on_the_durations_of_segments_that_are_tested_here() {
     let proof = include_str!("../../schedule.toml");
-    assert!(proof.contains("\nlongest_segment = \"1.5ms + event_spacing\"\n"));
+    for formula in [
+        "longest_segment = \"MAX_SEGMENT_TICKS * 1ticks + event_spacing\"",
+        "segment = \"MEAN_SEGMENT_US * 1us\"",
+        "jerk_limited_segment = \"MAX_SEGMENT_TICKS * 1ticks / 2\"",
+        "extra_segments = 3",
+        "jerk_limited_extra_segments = 2",
+        "substituted_steps = \"STEPS_PER_SEGMENT\"",
+    ] {
+        assert!(proof.contains(&format!("\n{formula}\n")), "{formula}");
+    }
     let jitters = proof.lines().filter(|line| line.starts_with("jitter = "));
     assert!(jitters.eq(["jitter = \"longest_segment\""; 3]));
 }
@@ -42,10 +53,10 @@ fn check(segments: &[Begin], step_rate: StepRate) -> Result<(), TestCaseError> {
         let ticks = f64::from(ticks + 1);
         // Of a stretch of time as a whole: more steps than that in a segment count, too.
         let left_out = steps_per_tick * ticks - f64::from(pair[1].steps - pair[0].steps);
-        let instead = left_out / STEPS_PER_SEGMENT;
+        let instead = left_out / f64::from(STEPS_PER_SEGMENT);
         level = (level + 1.0 - ticks / f64::from(MEAN_TICKS) - instead).max(0.0);
         // Each axis may make a step more.
-        let most = EXTRA_SEGMENTS + AXES as f64 / STEPS_PER_SEGMENT;
+        let most = EXTRA_SEGMENTS + AXES as f64 / f64::from(STEPS_PER_SEGMENT);
         prop_assert!(
             level <= most,
             "{level} at {} of {segments:?}",
@@ -266,7 +277,11 @@ fn lines_of_few_steps_follow_each_other_faster() -> Result<(), TestCaseError> {
     // The proven rate at 1 Mbaud with three axes.
     let seconds = short_lines_s(StepRate::Proven(172_000))?;
     let steps_per_s = 172_000.0;
-    let expected = (STEPS_PER_SEGMENT + 10.0) / (STEPS_PER_SEGMENT / 0.7e-3 + steps_per_s);
+    let (steps, mean_s) = (
+        f64::from(STEPS_PER_SEGMENT),
+        f64::from(MEAN_SEGMENT_US) / 1e6,
+    );
+    let expected = (steps + 10.0) / (steps / mean_s + steps_per_s);
     assert!((seconds / expected - 1.0).abs() < 0.01, "{seconds} s");
     assert!(AXES > 3 || seconds <= 1.0 / 3200.0, "{seconds} s");
     // An image of which nothing is proven.

@@ -5,8 +5,8 @@ use super::sources;
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_140),
-    ("proof", 28_500),
-    ("src", 37_010),
+    ("proof", 29_500),
+    ("src", 37_060),
     ("tests", 44_700),
     ("xtask", 23_650),
 ];

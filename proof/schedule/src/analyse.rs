@@ -92,7 +92,7 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
         axes: input.axes,
         clock_hz: input.clock.hclk_hz,
         step_rate_hz: input.step_rate_hz.unwrap_or(config.table.step_rate_hz),
-        baud: input.baud.unwrap_or(config.table.baud),
+        baud: input.baud.unwrap_or(config.program.baud),
         assumptions: config.table.assumptions.clone(),
         figures,
         flaws,
@@ -126,12 +126,15 @@ impl Sources {
             fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
         };
         let text = read("schedule.toml")?;
+        let image = Image::load(input.elf).map_err(|error| error.to_string())?;
         Ok(Self {
-            config: Config::parse(&text)?.of_features(input.features),
+            config: Config::parse(&text)?
+                .of_features(input.features)
+                .of_program(&image, &input.clock)?,
             text,
             app: App::parse(&read("src/app.rs")?)
                 .map_err(|error| format!("src/app.rs: {error}"))?,
-            image: Image::load(input.elf).map_err(|error| error.to_string())?,
+            image,
             annotations: Annotations::read(input.root).map_err(|error| error.to_string())?,
         })
     }
@@ -396,7 +399,7 @@ impl<'a> Analysis<'a> {
     /// The highest step rate at which every deadline is met. Whatever holds at a rate holds at all
     /// lower ones: they release nothing more often, and lengthen no loop.
     fn proven(&self, baud: u32, flash: Flash) -> Result<u32, String> {
-        let highest = self.system.config.limits.step_rate_hz;
+        let highest = self.system.config.program.highest_step_rate_hz;
         let highest = highest.unwrap_or(HIGHEST_RATE);
         let (mut low, mut high) = (0, highest / RATE_STEP + 1);
         while high - low > 1 {

@@ -4,7 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 
-use crate::{Clock, Formula, formula::Names};
+use crate::{Clock, Formula, Image, formula::Names};
+
+/// What the names of symbols begin with whose addresses are constants of the program.
+const CONSTANT: &str = "_constant_";
+/// Bits between two bytes of a USART, from the middle of one stop bit, where the USART reports the byte and looks for the
+/// next start bit, to the middle of the next, which may be shorter by half a bit: RM0090 30.3.3.
+const RECEIVED_BYTE_BITS: f64 = 9.5;
 
 /// The file.
 #[derive(Debug, Clone, Deserialize)]
@@ -48,6 +54,24 @@ pub struct Config {
     pub startup: Option<Startup>,
     /// The watchdog.
     pub watchdog: Option<Watchdog>,
+    /// What the program says; the file has nothing of it.
+    #[serde(skip)]
+    pub program: ProgramNumbers,
+}
+
+/// Constants of a program, and the numbers of `schedule.toml` that are made of constants alone.
+#[derive(Debug, Clone, Default)]
+pub struct ProgramNumbers {
+    /// The constants by their names.
+    constants: BTreeMap<String, f64>,
+    /// The baud rate of the program.
+    pub baud: u32,
+    /// Bytes at the end of the stack that must not be touched.
+    pub stack_guard_bytes: u64,
+    /// Step rate above which no proof is tried, a second.
+    pub highest_step_rate_hz: Option<u32>,
+    /// How long the watchdog waits at least, µs.
+    pub watchdog_us: Option<f64>,
 }
 
 /// The order of the initialisation. Functions are named by the ends of their paths.
@@ -72,8 +96,8 @@ pub struct Watchdog {
     pub key: u32,
     /// ... and what that is.
     pub feed: u32,
-    /// How long it waits at least, µs.
-    pub period_us: f64,
+    /// How long it waits at least.
+    pub period: Formula,
     /// Functions with loops that may last and do not feed it.
     #[serde(default)]
     pub unfed: Vec<FeedExemption>,
@@ -237,9 +261,9 @@ pub struct Limits {
     #[serde(default)]
     pub float_priority: Option<u8>,
     /// Bytes at the end of the stack that must not be touched.
-    pub stack_guard_bytes: u64,
+    pub stack_guard_bytes: Formula,
     /// Step rate above which no proof is tried, a second: what the queues of the program are made for.
-    pub step_rate_hz: Option<u32>,
+    pub step_rate_hz: Option<Formula>,
 }
 
 /// The default point of the table.
@@ -254,7 +278,7 @@ pub struct Table {
     #[serde(default)]
     pub step_rate_of: BTreeMap<String, u32>,
     /// Bits per second.
-    pub baud: u32,
+    pub baud: Formula,
     /// The assumptions of the proof, a sentence each.
     #[serde(default)]
     pub assumptions: Vec<String>,
@@ -402,15 +426,60 @@ impl Config {
         self
     }
 
+    /// The file for a program, whose constants are absolute symbols.
+    ///
+    /// # Errors
+    ///
+    /// Tells which formula is wrong.
+    pub fn of_program(mut self, image: &Image, clock: &Clock) -> Result<Self, String> {
+        let constants = image.symbols().filter_map(|(name, value)| {
+            let name = name.strip_prefix(CONSTANT)?;
+            Some((name.to_owned(), value.into()))
+        });
+        let constants: BTreeMap<String, f64> = constants.collect();
+        let clocks = (clock.hclk_hz as f64, clock.timer_hz as f64);
+        let names = Names {
+            values: { constants.iter().map(|(name, value)| (&**name, *value)) }.collect(),
+            formulas: BTreeMap::new(),
+            clocks,
+        };
+        let value = |formula: &Formula| {
+            let value = formula.value(&names);
+            value.map_err(|error| format!("schedule.toml: {error}"))
+        };
+        let highest = self.limits.step_rate_hz.as_ref().map(value).transpose()?;
+        let period = self.watchdog.as_ref().map(|it| value(&it.period));
+        let numbers = ProgramNumbers {
+            baud: value(&self.table.baud)? as u32,
+            stack_guard_bytes: value(&self.limits.stack_guard_bytes)? as u64,
+            highest_step_rate_hz: highest.map(|rate| rate as u32),
+            watchdog_us: period.transpose()?.map(|cycles| cycles * 1e6 / clocks.0),
+            constants: BTreeMap::new(),
+        };
+        self.program = ProgramNumbers {
+            constants,
+            ..numbers
+        };
+        Ok(self)
+    }
+
     /// The values of the names in its formulas.
     pub fn names(&self, clock: &Clock, point: Point) -> Names<'_> {
         let formulas = self.bounds.iter();
+        let constants = self.program.constants.iter();
+        let of_point = [
+            ("step_rate", point.step_rate_hz),
+            ("baud", point.baud),
+            ("axes", f64::from(point.axes)),
+            (
+                "received_byte",
+                RECEIVED_BYTE_BITS * clock.hclk_hz as f64 / point.baud,
+            ),
+        ];
         Names {
-            values: BTreeMap::from([
-                ("step_rate", point.step_rate_hz),
-                ("baud", point.baud),
-                ("axes", f64::from(point.axes)),
-            ]),
+            values: { constants.map(|(name, value)| (&**name, *value)) }
+                .chain(of_point)
+                .collect(),
             formulas: formulas.map(|(name, formula)| (&**name, formula)).collect(),
             clocks: (clock.hclk_hz as f64, clock.timer_hz as f64),
         }

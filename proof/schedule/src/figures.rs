@@ -1,13 +1,19 @@
 //! The numbers of `schedule.toml` that no analysis gives, and who keeps each of them.
 //!
 //! Every number there has one `[[figure]]`, which states the claim and its evidence. A number
-//! without one is a flaw, as is a `[[figure]]` of a number or a file that does not exist.
+//! without one is a flaw, as is a `[[figure]]` of a number or a file that does not exist. Where the code itself
+//! keeps a claim, a time written here would be a copy that the code may leave behind: only the constants of the
+//! program count, as symbols of its file.
 
 use std::{collections::BTreeMap, path::Path};
 
 use toml::{Table, Value};
 
-use crate::{Config, Flaw, KnownFigures, config::FigureConfig, system::misconfigured};
+use crate::{
+    Config, Flaw, KnownFigures,
+    config::{Evidence, FigureConfig},
+    system::misconfigured,
+};
 
 /// The tables whose numbers the proof counts on. The others say what it must show.
 const TABLES: [&str; 5] = ["bounds", "calls", "limits", "substitution", "task"];
@@ -35,6 +41,16 @@ pub(crate) fn of(text: &str, config: &Config, root: &Path) -> (Vec<KnownFigures>
         }
     }
     for figure in &config.figure {
+        let mut formulas = numbers.iter().filter(|(name, _)| figure.covers(name));
+        if figure.known == Evidence::Constructed
+            && let Some((name, formula)) = formulas.find(|(_, formula)| copies_time(formula))
+        {
+            let what = format!(
+                "`{name}` is kept by the code, but `schedule.toml` copies a time: `{formula}`"
+            );
+            let remedy = "Name the constant of the program (src/board/counted_on.rs).";
+            flaws.push(misconfigured(what, remedy));
+        }
         for name in &figure.names {
             if !numbers.keys().any(|number| covers(name, number)) {
                 let what =
@@ -72,6 +88,15 @@ fn collect(name: &str, value: &Value, numbers: &mut BTreeMap<String, String>) {
             numbers.insert(name.to_owned(), shown(other));
         }
     }
+}
+
+/// Whether a formula has a time other than one of a unit: `3.5ms`, but not `1ms`.
+fn copies_time(formula: &str) -> bool {
+    let mut words = formula.split(|it: char| !it.is_alphanumeric() && it != '.' && it != '_');
+    words.any(|word| {
+        let (number, unit) = word.split_at(word.find(char::is_alphabetic).unwrap_or(word.len()));
+        !number.is_empty() && !unit.is_empty() && number != "1"
+    })
 }
 
 /// A value as it stands in the file.
@@ -177,5 +202,25 @@ mod tests {
         assert_eq!(flaws.len(), 2);
         assert!(flaws[0].contains("`task.a.per`, which is no number"));
         assert!(flaws[1].contains("`Cargo.tom`, which is no file"));
+    }
+
+    #[test]
+    fn what_the_code_keeps_is_no_copy_of_a_time() {
+        for (formula, copies) in [
+            ("TICKS * 1ticks - 16 * spacing", false),
+            ("1s / (SAMPLES * 1us)", false),
+            ("3.5ms - 16 * spacing", true),
+            ("128ticks", true),
+            ("max(1s / rate, 250us)", true),
+        ] {
+            assert_eq!(copies_time(formula), copies, "{formula}");
+        }
+        let entries = entry("[\"task.a\", \"limits\"]", "Cargo.toml");
+        let entries = entries.replace("random", "constructed");
+        let (_, flaws) = figures(&entries);
+        assert_eq!(
+            flaws,
+            ["`task.a.period` is kept by the code, but `schedule.toml` copies a time: `2us`"]
+        );
     }
 }

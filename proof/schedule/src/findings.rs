@@ -399,7 +399,7 @@ fn uses_float(system: &System<'_>, root: u32) -> bool {
 
 /// RAM between the guard above the statics and the top.
 fn available(system: &System<'_>) -> u64 {
-    let guard = system.config.limits.stack_guard_bytes;
+    let guard = system.config.program.stack_guard_bytes;
     let top = system.image.vectors().first().copied().unwrap_or(0);
     let statics_end = u64::from(system.image.symbol("__sheap").unwrap_or(0));
     let guarded = statics_end.next_multiple_of(guard.max(1)) + guard;

@@ -57,7 +57,7 @@ fn wait(config: &Config, report: &Report, point: (u32, u32)) -> Option<Requireme
 
 /// How long tasks with deadlines may keep `idle` from feeding the watchdog, at any of the rates.
 fn watchdog(config: &Config, report: &Report) -> Option<Requirement> {
-    let most = config.watchdog.as_ref()?.period_us;
+    let most = config.program.watchdog_us?;
     let waits = report.undeadlined_waits.iter().map(|it| {
         it.cycles.map_or(f64::INFINITY, |cycles| {
             cycles as f64 * 1e6 / report.clock_hz as f64

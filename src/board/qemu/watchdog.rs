@@ -10,7 +10,7 @@ use super::{fault, pac, qemu};
 #[path = "../watchdog.rs"]
 mod chip;
 
-pub(super) use chip::{await_flag, pause};
+pub(super) use chip::{RELOAD, await_flag, pause};
 
 /// The vector that stands in for the watchdog, and its priority, above all others.
 const VECTOR: pac::Interrupt = pac::Interrupt::TIM3;

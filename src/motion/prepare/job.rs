@@ -27,7 +27,7 @@ use crate::{
 /// Least motion played between two runs that handle requests while a segment is due, ticks: bounds
 /// how much a flood of bytes delays segments (`task.prepare.mode.requests` in schedule.toml). Other
 /// requests wait until no segment is due.
-const REQUEST_INTERVAL_TICKS: u32 = 5 * TICKS_PER_MS;
+pub const REQUEST_INTERVAL_TICKS: u32 = 5 * TICKS_PER_MS;
 
 /// What a run does.
 pub(super) enum NextRun {

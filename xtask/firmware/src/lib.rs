@@ -23,7 +23,7 @@ use crate::boards::{
     compile::{self, copy_next_to, place, replace},
 };
 use anyhow::{Context, Result};
-use common::{BAUD, text::separated, tools, ui};
+use common::{text::separated, tools, ui};
 
 /// Builds the firmware for `board`, proves it, and returns its ELF file with what is proven in it.
 pub fn proven(board: &Board) -> Result<PathBuf> {
@@ -72,8 +72,7 @@ fn prove(elf: &Path, board: &Board) -> Result<u32> {
 
 /// The step rate that the analysis of an image proves.
 fn rate(elf: &Path, board: &str) -> Result<u32> {
-    let baud = BAUD.to_string();
-    let mut arguments = ["--rate", "--board", board, "--baud", &baud, "--elf"]
+    let mut arguments = ["--rate", "--board", board, "--elf"]
         .map(OsStr::new)
         .to_vec();
     arguments.push(elf.as_os_str());

@@ -60,9 +60,9 @@ impl Plan {
             let path = input.root.join(name);
             fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
         };
-        let config = Config::parse(&read("schedule.toml")?)?;
         let app = App::parse(&read("src/app.rs")?)?;
         let image = Image::load(input.elf).map_err(|error| error.to_string())?;
+        let config = Config::parse(&read("schedule.toml")?)?.of_program(&image, &input.clock)?;
         let annotations = Annotations::read(input.root).map_err(|error| error.to_string())?;
         let program = Program::new(&image, &annotations);
         let clock = input.clock;
@@ -79,7 +79,7 @@ impl Plan {
             &mut Vec::new(),
         );
         let step_rate_hz = input.step_rate_hz.unwrap_or(config.table.step_rate_hz);
-        let baud = input.baud.unwrap_or(config.table.baud);
+        let baud = input.baud.unwrap_or(config.program.baud);
         let mut named = config.numbers(&clock, system.point(step_rate_hz, baud))?;
         named.entry("axes".to_owned()).or_insert(input.axes.into());
         let mut plan = Self::new(&program, tasks(&system), named, model);

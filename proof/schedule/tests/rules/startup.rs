@@ -8,7 +8,7 @@ use super::project::{Project, assert_caught};
 pub(crate) fn with_watchdog(project: Project) -> Project {
     project.configured(
         "[[exempt]]",
-        "[watchdog]\nkey = 0x4002_0018\nfeed = 0xaaaa\nperiod_us = 100_000.0\n\n\
+        "[watchdog]\nkey = 0x4002_0018\nfeed = 0xaaaa\nperiod = \"100ms\"\n\n\
          [[watchdog.unfed]]\nfunction = \"HardFault_\"\nreason = \"the end\"\n\n\
          [[watchdog.unfed]]\nfunction = \"DefaultHandler_\"\nreason = \"the end\"\n\n\
          [[exempt]]",
@@ -51,7 +51,7 @@ fn a_loop_that_waits_without_feeding_the_watchdog_is_caught() {
 fn a_watchdog_that_waits_less_than_the_tasks_with_deadlines_may_take_is_caught() {
     let project = or_skip!(Project::new("short-watchdog"));
     let project = with_watchdog(project).with("idle", "device::write_pins(0xaaaa);");
-    let project = project.configured("period_us = 100_000.0", "period_us = 0.5");
+    let project = project.configured("period = \"100ms\"", "period = \"0.5us\"");
     let flaws = project.flaws();
     let mut found = flaws.iter().filter(|flaw| flaw.rule == Rule::Requirement);
     assert!(

@@ -19,7 +19,7 @@ fn project(name: &str, entry: &str) -> Option<Project> {
         "period = \"10s / baud\"\ndeadline = \"200us\"",
         "undeadlined = \"a test\"",
     );
-    let period = "period_us = 100_000.0";
+    let period = "period = \"100ms\"";
     Some(project.configured(period, &format!("{period}\n\n{entry}")))
 }
 

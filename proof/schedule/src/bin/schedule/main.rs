@@ -19,7 +19,7 @@ use std::{fs, path::Path, process::ExitCode};
 use anstream::{eprintln, println};
 use anyhow::{Context, Error, Result, anyhow, bail, ensure};
 use common::options::{self, Schedule as Options, Verb};
-use common::{BAUD, cargo, text::row, tools, whole_thousands};
+use common::{cargo, text::row, tools, whole_thousands};
 use firmware::boards::{Board, compile};
 use owo_colors::OwoColorize;
 use schedule::{Clock, Config, Input, Measured, Model, Report, Rule, replay::Summary};
@@ -183,7 +183,7 @@ fn rate(report: &Report) -> Result<u32> {
             Rule::DeadlineMissed | Rule::Requirement | Rule::UncountedLoop
         )
     };
-    let rate = report.proven_step_rate_hz.get(&BAUD.to_string());
+    let rate = report.proven_step_rate_hz.get(&report.baud.to_string());
     let rate = rate.map_or(0, |rate| whole_thousands(*rate));
     let wrong: Vec<_> = report
         .flaws
@@ -267,7 +267,8 @@ mod tests {
             remedy: String::new(),
         };
         Report {
-            proven_step_rate_hz: [(BAUD.to_string(), hz), ("250000".into(), 1)].into(),
+            baud: 115_200,
+            proven_step_rate_hz: [("115200".into(), hz), ("250000".into(), 1)].into(),
             flaws: rules.iter().map(flaw).collect(),
             ..Report::default()
         }

@@ -1,0 +1,53 @@
+//! The constants that the proof of the timing counts on, as absolute symbols of the program file.
+//!
+//! `schedule.toml` names these constants where it needs their values, and never repeats a value: a changed constant
+//! changes what is proven. An absolute symbol takes no memory.
+
+#![expect(unsafe_code, reason = "assembly defines the symbols")]
+
+use core::arch::global_asm;
+
+use leadscrew::{
+    machine::{SAMPLE_TICKS, SAMPLES},
+    model::timing::{
+        EVENT_SPACING_TICKS, MAX_SEGMENT_TICKS, QUEUED_AHEAD_TICKS, REFERENCE_SAMPLE_US,
+    },
+    motion::{MAX_STEP_RATE_HZ, MEAN_SEGMENT_US, REQUEST_INTERVAL_TICKS, STEPS_PER_SEGMENT},
+    stepper::END_SLOTS,
+};
+
+use super::{
+    contacts::IDLE_PERIOD_US, power_up::BAUD, stack::GUARD_BYTES,
+    watchdog::RELOAD as WATCHDOG_RELOAD,
+};
+
+/// Defines a symbol for each constant.
+macro_rules! symbols {
+    ($($name:ident)*) => {
+        $(
+            global_asm!(
+                concat!(".global _constant_", stringify!($name)),
+                concat!(".set _constant_", stringify!($name), ", {}"),
+                const $name
+            );
+        )*
+    };
+}
+
+symbols! {
+    BAUD
+    END_SLOTS
+    EVENT_SPACING_TICKS
+    GUARD_BYTES
+    IDLE_PERIOD_US
+    MAX_SEGMENT_TICKS
+    MAX_STEP_RATE_HZ
+    MEAN_SEGMENT_US
+    QUEUED_AHEAD_TICKS
+    REFERENCE_SAMPLE_US
+    REQUEST_INTERVAL_TICKS
+    SAMPLES
+    SAMPLE_TICKS
+    STEPS_PER_SEGMENT
+    WATCHDOG_RELOAD
+}
