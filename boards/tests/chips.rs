@@ -74,16 +74,16 @@ fn the_firmware_and_the_chips_have_the_same_clocks() {
 fn a_chip_that_promises_more_than_its_manual_allows_is_refused() {
     let refused = |name: &str, old: &str, new: &str| with_chip(name, old, new).expect_err(new);
     let error = refused("fast-flash", "wait_states = 3", "wait_states = 2");
-    let told = "RM0383 requires 3 wait states of the flash at 96 MHz, not 2";
-    assert!(error.contains(told), "{error}");
+    let expected = "RM0383 requires 3 wait states of the flash at 96 MHz, not 2";
+    assert!(error.contains(expected), "{error}");
     let error = refused("fast-bus", "apb1_divider = 2", "apb1_divider = 1");
-    let told = "RM0383 allows 50 MHz on apb1: a core at 96 MHz divided by 1 is faster";
-    assert!(error.contains(told), "{error}");
+    let expected = "RM0383 allows 50 MHz on apb1: a core at 96 MHz divided by 1 is faster";
+    assert!(error.contains(expected), "{error}");
     let error = refused("odd-divider", "apb1_divider = 2", "apb1_divider = 3");
     assert!(error.contains("`apb1_divider` is 1, 2, 4"), "{error}");
     let error = refused("overclocked", "core_mhz = 96", "core_mhz = 168");
-    let told = "RM0383 does not allow a core at 168 MHz";
-    assert!(error.contains(told), "{error}");
+    let expected = "RM0383 does not allow a core at 168 MHz";
+    assert!(error.contains(expected), "{error}");
     let error = refused("unknown", "hal = \"f411\"", "hal = \"f412\"");
     assert!(error.contains("`f412` are not known"), "{error}");
 }

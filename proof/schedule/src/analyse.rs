@@ -17,10 +17,12 @@ use crate::{
     model::OUTSTANDING_TRANSFER,
     modes, pin_edge_jitter,
     registers::Registers,
+    releases::Releases,
     requirements,
     response::{self, Blocking, Flash, Response},
     rta::{Demand, Load},
-    sections, startup,
+    sections::{self, Held},
+    startup,
     system::{Row, System, misconfigured},
     tasks_without_deadline, unanalysed_code, worst_path,
 };
@@ -148,6 +150,39 @@ fn hexadecimal(bytes: &[u8]) -> String {
     })
 }
 
+/// Checks what the code does beside taking time: vectors, registers, releases, memory, initialisation.
+fn check_code(system: &System<'_>, sections: &[Held], report: &mut Report) {
+    let (program, config) = (system.program, system.config);
+    let crosscheck = Crosscheck {
+        image: system.image,
+        functions: program.functions(),
+        app: system.app,
+        config,
+        sections,
+    };
+    let registers = Registers {
+        image: system.image,
+        functions: program.functions(),
+        config,
+        clock: &system.clock,
+    };
+    let releases = Releases {
+        program,
+        app: system.app,
+        config,
+    };
+    let flaws = &mut report.flaws;
+    flaws.extend(crosscheck.flaws());
+    flaws.extend(registers.flaws());
+    let (graph, wrong) = releases.flaws();
+    report.releases = graph;
+    flaws.extend(wrong);
+    flaws.extend(unanalysed_code::flaws(program, config));
+    flaws.extend(modes::flaws(system));
+    flaws.extend(code_in_ram::flaws(program, config));
+    flaws.extend(startup::flaws(program, config));
+}
+
 /// What does not change with the step rate, and the numbers of the table's point.
 struct Analysis<'a> {
     system: &'a System<'a>,
@@ -174,28 +209,7 @@ impl<'a> Analysis<'a> {
         report.sections = found;
         report.flaws.extend(flaws);
         report.flaws.extend(findings::lowered_masks(system));
-        let crosscheck = Crosscheck {
-            image: system.image,
-            functions: system.program.functions(),
-            app: system.app,
-            config: system.config,
-            sections: &held,
-        };
-        report.flaws.extend(crosscheck.flaws());
-        let registers = Registers {
-            image: system.image,
-            functions: system.program.functions(),
-            config: system.config,
-            clock: &system.clock,
-        };
-        report.flaws.extend(registers.flaws());
-        report
-            .flaws
-            .extend(unanalysed_code::flaws(system.program, system.config));
-        report.flaws.extend(modes::flaws(system));
-        report.flaws.extend(code_in_ram::flaws(system.program));
-        let startup = startup::flaws(system.program, system.config);
-        report.flaws.extend(startup);
+        check_code(system, &held, report);
         tasks_without_deadline::report_loops(system, &named, report);
         let mut is_bounded = true;
         for (index, row) in system.rows.iter().enumerate() {

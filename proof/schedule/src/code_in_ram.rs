@@ -3,15 +3,33 @@
 //! The section of a function puts only the function itself into RAM: a callee stays in flash unless
 //! the compiler inlines it, and a `match` may become a table in flash.
 
-use crate::{Flaw, Function, Place, Program, Region, Rule};
+use crate::{Config, Flaw, Frame, Function, Place, Program, Region, Rule, config::Exempt};
 
-/// Returns the uses of flash by code in RAM.
-pub(crate) fn flaws(program: &Program<'_>) -> Vec<Flaw> {
+/// Returns the uses of flash by code in RAM, and the code in flash that must be in RAM.
+pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     let functions = program.functions().values();
     let resident = functions.filter(|function| is_in_ram(function.address));
-    resident
-        .flat_map(|function| of_function(program, function))
-        .collect()
+    let uses = resident.flat_map(|function| of_function(program, function));
+    let outside = config.resident.iter();
+    let outside = outside.filter_map(|resident| outside_ram(program, resident));
+    uses.chain(outside).collect()
+}
+
+/// Code of a function that must be in RAM, inlined or not, and is in flash.
+fn outside_ram(program: &Program<'_>, resident: &Exempt) -> Option<Flaw> {
+    let is_of = |frame: &Frame| *frame.function == *resident.function;
+    let mut instructions = program
+        .functions()
+        .values()
+        .filter(|function| !is_in_ram(function.address))
+        .flat_map(|function| function.blocks.iter().flat_map(|block| &block.instructions));
+    let found = instructions.find(|it| program.image.frames(it.address).iter().any(is_of))?;
+    Some(Flaw::new(
+        Rule::CodeInRam,
+        format!("`{}` is in flash: {}", resident.function, resident.reason),
+        program.image.place(found.address),
+        "Put it into RAM, by the section of the function, and keep it out of its callers.",
+    ))
 }
 
 fn is_in_ram(address: u32) -> bool {

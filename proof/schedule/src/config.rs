@@ -36,6 +36,15 @@ pub struct Config {
     /// Functions that may store to registers on which the proof rests.
     #[serde(default)]
     pub register: Vec<RegisterConfig>,
+    /// Flags with which hardware releases tasks.
+    #[serde(default)]
+    pub flag: Vec<FlagConfig>,
+    /// Registers that say how often hardware releases tasks.
+    #[serde(default)]
+    pub control: Vec<ControlConfig>,
+    /// Functions that must be in RAM.
+    #[serde(default)]
+    pub resident: Vec<Exempt>,
     /// Calls through pointers.
     #[serde(default)]
     pub pointer: Vec<Pointer>,
@@ -64,6 +73,8 @@ pub struct Config {
 pub struct ProgramNumbers {
     /// The constants by their names.
     constants: BTreeMap<String, f64>,
+    /// Clock of the core and of the step timer, Hz.
+    clocks: (f64, f64),
     /// The baud rate of the program.
     pub baud: u32,
     /// Bytes at the end of the stack that must not be touched.
@@ -306,6 +317,9 @@ pub struct TaskConfig {
     /// Other vectors whose handlers call the task.
     #[serde(default)]
     pub vectors: Vec<String>,
+    /// The tasks that it may release.
+    #[serde(default)]
+    pub releases: Vec<String>,
 }
 
 /// A kind of run of a task.
@@ -373,7 +387,36 @@ pub struct RegisterConfig {
     pub reason: String,
 }
 
-/// A function that is excused.
+/// A flag with which hardware releases a task.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FlagConfig {
+    /// The vector that it releases.
+    pub vector: String,
+    /// The register with the flag, which each run looks at, ...
+    pub register: u32,
+    /// ... and the one by which a run clears it: by a store, ...
+    pub clears: u32,
+    /// ... or by a read.
+    #[serde(default)]
+    pub is_read: bool,
+}
+
+/// Registers to which some values only may be written.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControlConfig {
+    /// Their addresses.
+    pub registers: Vec<u32>,
+    /// The bits that matter; without it, all, and the register must be written wherever its peripheral is used.
+    pub mask: Option<u32>,
+    /// The values of these bits.
+    pub values: Vec<Formula>,
+    /// What that ensures.
+    pub reason: String,
+}
+
+/// A function that is excused, or something else that is said of a function.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Exempt {
@@ -436,31 +479,40 @@ impl Config {
             let name = name.strip_prefix(CONSTANT)?;
             Some((name.to_owned(), value.into()))
         });
-        let constants: BTreeMap<String, f64> = constants.collect();
-        let clocks = (clock.hclk_hz as f64, clock.timer_hz as f64);
-        let names = Names {
-            values: { constants.iter().map(|(name, value)| (&**name, *value)) }.collect(),
-            formulas: BTreeMap::new(),
-            clocks,
-        };
-        let value = |formula: &Formula| {
-            let value = formula.value(&names);
-            value.map_err(|error| format!("schedule.toml: {error}"))
-        };
+        self.program.constants = constants.collect();
+        self.program.clocks = (clock.hclk_hz as f64, clock.timer_hz as f64);
+        let value = |formula: &Formula| self.constant(formula);
         let highest = self.limits.step_rate_hz.as_ref().map(value).transpose()?;
         let period = self.watchdog.as_ref().map(|it| value(&it.period));
-        let numbers = ProgramNumbers {
-            baud: value(&self.table.baud)? as u32,
-            stack_guard_bytes: value(&self.limits.stack_guard_bytes)? as u64,
-            highest_step_rate_hz: highest.map(|rate| rate as u32),
-            watchdog_us: period.transpose()?.map(|cycles| cycles * 1e6 / clocks.0),
-            constants: BTreeMap::new(),
-        };
+        let watchdog_us = period
+            .transpose()?
+            .map(|it| it * 1e6 / clock.hclk_hz as f64);
+        let baud = value(&self.table.baud)? as u32;
+        let stack_guard_bytes = value(&self.limits.stack_guard_bytes)? as u64;
         self.program = ProgramNumbers {
-            constants,
-            ..numbers
+            baud,
+            stack_guard_bytes,
+            highest_step_rate_hz: highest.map(|rate| rate as u32),
+            watchdog_us,
+            ..self.program
         };
         Ok(self)
+    }
+
+    /// The value of a formula of constants alone.
+    ///
+    /// # Errors
+    ///
+    /// Tells what is wrong with it.
+    pub(crate) fn constant(&self, formula: &Formula) -> Result<f64, String> {
+        let constants = self.program.constants.iter();
+        let names = Names {
+            values: { constants.map(|(name, value)| (&**name, *value)) }.collect(),
+            formulas: BTreeMap::new(),
+            clocks: self.program.clocks,
+        };
+        let value = formula.value(&names);
+        value.map_err(|error| format!("schedule.toml: {error}"))
     }
 
     /// The values of the names in its formulas.

@@ -78,6 +78,7 @@ impl Crosscheck<'_> {
         flaws.extend(self.unowned_vectors(&known));
         flaws.extend(self.ceilings());
         flaws.extend(self.idle());
+        flaws.extend(self.exempt_handlers(&known));
         flaws
     }
 
@@ -220,6 +221,28 @@ impl Crosscheck<'_> {
             }
         }
         flaws
+    }
+
+    /// Handlers of tasks that are exempt: their locks and their time would count nowhere.
+    fn exempt_handlers(&self, known: &BTreeSet<usize>) -> Vec<Flaw> {
+        let vectors = known
+            .iter()
+            .filter_map(|slot| self.image.vectors().get(*slot));
+        let handlers: BTreeSet<String> = vectors.map(|it| self.image.name(it & !1)).collect();
+        let tasks = self.app.tasks.iter().map(|task| format!("::{}", task.name));
+        let tasks: Vec<String> = tasks.collect();
+        let exempt = self.config.exempt.iter().map(|exempt| &exempt.function);
+        let wrong = exempt.filter(|name| {
+            handlers.contains(*name) || tasks.iter().any(|task| name.ends_with(task))
+        });
+        let flaws = wrong.map(|name| {
+            let what = format!("`{name}`, the handler of a task, is exempt");
+            mismatch(
+                what,
+                "Take it out of `[[exempt]]`: what a task does counts.",
+            )
+        });
+        flaws.collect()
     }
 
     /// Whether `schedule.toml` lets an instruction store to a register.

@@ -18,7 +18,14 @@ use crate::{
 /// The tables whose numbers the proof counts on. The others say what it must show.
 const TABLES: [&str; 5] = ["bounds", "calls", "limits", "substitution", "task"];
 /// Keys of these tables that hold names or reasons, and no numbers.
-const NAMES: [&str; 5] = ["excludes", "kind", "row", "undeadlined", "vectors"];
+const NAMES: [&str; 6] = [
+    "excludes",
+    "kind",
+    "releases",
+    "row",
+    "undeadlined",
+    "vectors",
+];
 
 /// All numbers with what is known of them, and a flaw for each that nothing is said of.
 pub(crate) fn of(text: &str, config: &Config, root: &Path) -> (Vec<KnownFigures>, Vec<Flaw>) {

@@ -34,6 +34,8 @@ pub enum Rule {
     Mismatch,
     /// A store to a register that the proof rests on, or to an address that is not known.
     Register,
+    /// A release that no task counts with.
+    Release,
     /// A task with a deadline calls what is exempt.
     Exemption,
     /// A path through a task belongs to none of its modes.

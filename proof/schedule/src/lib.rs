@@ -44,6 +44,7 @@ mod pin_edge_jitter;
 mod preempting_tasks;
 mod program;
 mod registers;
+mod releases;
 pub mod replay;
 mod report;
 mod requirements;

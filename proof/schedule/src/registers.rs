@@ -11,6 +11,7 @@ use std::collections::BTreeSet;
 use crate::{
     Clock, Config, Flaw, Frame, Function, Image, Operation, Region, Rule, Store,
     graph::{CONTROL, MAIN_STACK, PROCESS_STACK},
+    system::misconfigured,
     wcet::Functions,
 };
 
@@ -37,6 +38,8 @@ const INTERRUPT_REGISTERS: [(u32, u32); 3] = [
     (0xe000_e400, 0xe000_e4f0),
     (0xe000_ed18, 0xe000_ed24),
 ];
+/// Registers that pend vectors: anybody may, as `releases` says of each task what it pends.
+const PENDING: (u32, u32) = (0xe000_e200, 0xe000_e240);
 /// The first function, before there is a stack to speak of.
 const RESET: &str = "Reset";
 /// Aliases of the bits of peripherals: where they begin and end, and the aliased memory.
@@ -60,7 +63,29 @@ impl Registers<'_> {
             let stores = function.stores.iter();
             stores.filter_map(|store| self.flaw(function, store))
         });
-        all.chain(self.specials()).chain(self.uncosted()).collect()
+        all.chain(self.specials())
+            .chain(self.uncosted())
+            .chain(self.unlimited())
+            .collect()
+    }
+
+    /// Entries of `schedule.toml` that would let anybody store anywhere.
+    fn unlimited(&self) -> impl Iterator<Item = Flaw> {
+        let entries = self.config.register.iter();
+        let entries = entries.filter(|it| {
+            let is_anybody = it.by.iter().any(String::is_empty);
+            is_anybody && !(PENDING.0 <= it.from && it.to <= PENDING.1)
+                || Region::of(it.from) != Region::of(it.to.saturating_sub(1))
+                || Region::of(it.from) == Region::Unknown
+        });
+        entries.map(|it| {
+            let what = format!(
+                "a `[[register]]` of `schedule.toml` allows stores to {:#010x} and on for anybody, or in more \
+                 than one region",
+                it.from
+            );
+            misconfigured(what, "Name who stores, and one region.")
+        })
     }
 
     /// Writes of the processor's registers that choose the stack and take privileges: the depth of the stack and
@@ -109,11 +134,9 @@ impl Registers<'_> {
 
     /// The flaw of a store to a constant address, and its remedy.
     fn to_known(&self, function: &Function, store: &Store, to: u32) -> Option<(String, String)> {
-        let (from, end) = if BIT_BAND_ALIASES.contains(&to) {
-            let word = PERIPHERALS + (((to - BIT_BAND_ALIASES.start) / BYTES_PER_BIT_ALIAS) & !3);
-            (word, word + 4)
-        } else {
-            (to, to.saturating_add(store.bytes))
+        let (from, end) = match word_of_alias(to) {
+            word if word != to => (word, word + 4),
+            _ => (to, to.saturating_add(store.bytes)),
         };
         let (.., name) = PROTECTED.iter().find(|it| from < it.1 && it.0 < end)?;
         let is_within = |first: u32, last: u32| first <= from && end <= last;
@@ -211,6 +234,15 @@ impl Registers<'_> {
             )
         });
         flaws.collect()
+    }
+}
+
+/// The word that an address is an alias of a bit of; other addresses as they are.
+pub(crate) fn word_of_alias(address: u32) -> u32 {
+    if BIT_BAND_ALIASES.contains(&address) {
+        PERIPHERALS + (((address - BIT_BAND_ALIASES.start) / BYTES_PER_BIT_ALIAS) & !3)
+    } else {
+        address
     }
 }
 

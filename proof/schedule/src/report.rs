@@ -1,6 +1,6 @@
 //! The result of an analysis, as `--json` prints it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 
@@ -38,6 +38,8 @@ pub struct Report {
     /// How long tasks with deadlines may keep the processor from tasks without: at the step rate of
     /// the table, at all required rates and at all proven rates.
     pub undeadlined_waits: Vec<UndeadlinedWait>,
+    /// The tasks that each task releases.
+    pub releases: BTreeMap<String, BTreeSet<String>>,
     /// The tasks without deadlines, which also keep `idle` from feeding the watchdog.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub undeadlined: Option<TasksWithoutDeadline>,

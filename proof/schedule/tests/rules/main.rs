@@ -19,6 +19,7 @@ macro_rules! or_skip {
 }
 
 mod code;
+mod releases;
 mod startup;
 mod tasks_without_deadline;
 

@@ -330,6 +330,7 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
             format!("{:.2} µs at most", report.step_edge_jitter_us),
         ),
         ("cache lines", lines.collect::<Vec<_>>().join(", ")),
+        ("releases", releases(report)),
         (
             "stack",
             format!(
@@ -342,6 +343,16 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
     ];
     let facts = facts.into_iter().chain(undeadlined(report));
     facts.chain(substitution).collect()
+}
+
+/// What each task releases.
+fn releases(report: &Report) -> String {
+    let all = report.releases.iter().filter(|(_, of)| !of.is_empty());
+    let all = all.map(|(task, of)| {
+        let of: Vec<&str> = of.iter().map(String::as_str).collect();
+        format!("{task}: {}", of.join(", "))
+    });
+    all.collect::<Vec<_>>().join("; ")
 }
 
 /// One flaw: description, place and remedy.
