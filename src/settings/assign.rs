@@ -90,7 +90,6 @@ mod tests {
             ("107=1", BadStatement),
             ("136=1", BadStatement),
             ("255=1", BadStatement),
-            ("799=1", BadStatement),
             ("806=1", BadStatement),
             ("800=-1", Negative),
             ("1000=1", BadStatement),

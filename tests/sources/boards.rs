@@ -31,6 +31,17 @@ fn a_board_is_in_the_list_that_users_choose_from() {
 }
 
 #[test]
+fn a_board_has_its_rates() {
+    let rates = text("docs/rates.toml");
+    for board in names("boards") {
+        assert!(
+            rates.contains(&format!("\n\"{board}\" = [")),
+            "docs/rates.toml has no `{board}`: run `cargo xtask board check {board} --prove --write`"
+        );
+    }
+}
+
+#[test]
 fn a_chip_has_a_feature_with_that_of_the_hal() {
     let manifest = text("Cargo.toml");
     let chips = names("boards/chips");

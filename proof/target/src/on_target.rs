@@ -136,6 +136,21 @@ fn read_figures(lines: impl BufRead, loaded: &Loaded) -> Result<Figures> {
             _ => bail!("the figures hold {line:?}"),
         }
     }
+    // What the emulated machine does not write would be 0: the compiler asks for each new figure here.
+    let Figures {
+        lines: _,
+        responses: _,
+        messages: _,
+        end: _,
+        steps_axis: _,
+        motion_time_s: _,
+        events: _,
+        late: _,
+        event_hash: _,
+        times: _,
+        refusals: _,
+        foreign_line: _,
+    } = &figures;
     ensure!(
         figures.end.steps.len() == AXES,
         "the emulated machine has written half its figures"

@@ -186,6 +186,8 @@ fn are_numbers(numbers: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use leadscrew::{protocol::STATEMENTS, settings::Settings, sim::Simulator};
+
     use super::*;
 
     #[test]
@@ -194,6 +196,31 @@ mod tests {
         assert!(is_of_program("[MSG:hallo]", sent));
         for line in ["[MSG:hello]", "[MSG:G1 X1]", "[MSG:]", "hallo"] {
             assert!(!is_of_program(line, sent), "{line}");
+        }
+    }
+
+    #[test]
+    fn the_answer_to_each_statement_is_known() {
+        for statement in STATEMENTS {
+            let mut machine = Box::new(Simulator::new(&Settings::default()));
+            for byte in format!("${}\n", statement.example).bytes() {
+                machine.receive(byte);
+                machine.settle();
+            }
+            let mut answer = Vec::new();
+            while let Some(byte) = machine.send() {
+                answer.push(byte);
+                machine.settle();
+            }
+            let answer = String::from_utf8(answer).expect("an answer is text");
+            assert!(answer.contains('\n'), "${}: {answer}", statement.example);
+            for line in answer.lines() {
+                assert!(
+                    is_known(line),
+                    "{line}: the answer to ${}",
+                    statement.example
+                );
+            }
         }
     }
 
