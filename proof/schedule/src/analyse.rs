@@ -13,7 +13,7 @@ use crate::{
     calibration::Measured,
     code_in_ram,
     crosscheck::Crosscheck,
-    figures, findings,
+    figures, findings, guarded_stores,
     model::OUTSTANDING_TRANSFER,
     modes, pin_edge_jitter,
     registers::Registers,
@@ -180,6 +180,7 @@ fn check_code(system: &System<'_>, sections: &[Held], report: &mut Report) {
     flaws.extend(unanalysed_code::flaws(program, config));
     flaws.extend(modes::flaws(system));
     flaws.extend(code_in_ram::flaws(program, config));
+    flaws.extend(guarded_stores::flaws(program, config));
     flaws.extend(startup::flaws(program, config));
 }
 

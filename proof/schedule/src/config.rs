@@ -45,6 +45,9 @@ pub struct Config {
     /// Functions that must be in RAM.
     #[serde(default)]
     pub resident: Vec<Exempt>,
+    /// Stores that only a test lets happen.
+    #[serde(default)]
+    pub guarded: Vec<Guarded>,
     /// Calls through pointers.
     #[serde(default)]
     pub pointer: Vec<Pointer>,
@@ -412,6 +415,18 @@ pub struct ControlConfig {
     pub mask: Option<u32>,
     /// The values of these bits.
     pub values: Vec<Formula>,
+    /// What that ensures.
+    pub reason: String,
+}
+
+/// Stores to a register that only a test of another lets happen.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Guarded {
+    /// The register.
+    pub register: u32,
+    /// The register that is tested.
+    pub test: u32,
     /// What that ensures.
     pub reason: String,
 }

@@ -31,6 +31,7 @@ mod flaw;
 mod formula;
 mod functions;
 mod graph;
+mod guarded_stores;
 mod image;
 mod instruction;
 mod library_flaws;

@@ -129,6 +129,29 @@ fn what_must_be_in_ram_is_not_in_flash() {
 }
 
 #[test]
+fn a_store_that_only_a_test_lets_happen_is_behind_it() {
+    let guarded = |name: &str, code: &str| {
+        let project = Project::new(name)?.replacing("device::write_pins(*cx.local.pins);", code);
+        let entry = "[[guarded]]\nregister = 0x4002_0018\ntest = 0x4001_1000\nreason = \"why\"\n\n[[exempt]]";
+        let flaws = project.configured("[[exempt]]", entry).flaws();
+        let found = flaws.into_iter().filter(|flaw| flaw.rule == Rule::Register);
+        Some(found.map(|flaw| flaw.what).collect::<Vec<_>>())
+    };
+    let behind = "if device::has_byte() { device::write_pins(3); }";
+    assert_eq!(or_skip!(guarded("guarded", behind)), [""; 0]);
+    for (name, code) in [
+        ("unguarded", "device::write_pins(3);"),
+        (
+            "read-for-nothing",
+            "let _ = device::has_byte(); device::write_pins(3);",
+        ),
+    ] {
+        let expected = "a store to 0x40020018 does not depend on 0x40011000: why";
+        assert_eq!(or_skip!(guarded(name, code)), [expected]);
+    }
+}
+
+#[test]
 fn nobody_may_store_anywhere() {
     for (name, from, to, by) in [
         ("anybody", "0x4002_3800", "0x4002_3c00", ""),
