@@ -190,12 +190,26 @@ pub(super) fn configure(settings: &Settings) {
             }
         }
     }
-    enable(IS_ENABLED.load(Relaxed));
+    output_enable_again();
 }
 
-/// Energises the coils of all motors as their phases are, or none.
+/// Energises the coils of all motors as their phases are, or none. For `prepare`, and before tasks run.
 pub(super) fn enable(on: bool) {
     IS_ENABLED.store(on, Relaxed);
+    output_enable(on);
+}
+
+/// Outputs once more whether the coils are energised. `prepare` may change that in the middle: then the new state.
+fn output_enable_again() {
+    let mut output = None;
+    while output != Some(IS_ENABLED.load(Relaxed)) {
+        let on = IS_ENABLED.load(Relaxed);
+        output_enable(on);
+        output = Some(on);
+    }
+}
+
+fn output_enable(on: bool) {
     if on {
         let phases = SHARED.with(|motors| motors.drive.phases());
         output(SHARED.words(phases));

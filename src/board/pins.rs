@@ -246,7 +246,7 @@ pub(super) fn configure(settings: &Settings) {
         store(words, &levels);
     }
     write_events(words(StepEvent::new(0, 0, u32::MAX)));
-    enable(IS_ENABLED.load(Relaxed));
+    output_enable_again();
 }
 
 /// Makes the table, in which some motors stand.
@@ -283,9 +283,23 @@ fn make_table(settings: &Settings, standing: StandingMotors) {
     }
 }
 
-/// Enables or disables all drivers.
+/// Enables or disables all drivers. For `prepare`, and before tasks run.
 pub(super) fn enable(on: bool) {
     IS_ENABLED.store(on, Relaxed);
+    output_enable(on);
+}
+
+/// Outputs once more whether the drivers are enabled. `prepare` may change that in the middle: then the new state.
+fn output_enable_again() {
+    let mut output = None;
+    while output != Some(IS_ENABLED.load(Relaxed)) {
+        let on = IS_ENABLED.load(Relaxed);
+        output_enable(on);
+        output = Some(on);
+    }
+}
+
+fn output_enable(on: bool) {
     for (index, word) in SHARED.enable[usize::from(on)].iter().enumerate() {
         write_port(ENABLE_PORTS.port(index), word.load(Relaxed));
     }

@@ -6,7 +6,7 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_140),
     ("proof", 29_500),
-    ("src", 37_060),
+    ("src", 37_090),
     ("tests", 44_700),
     ("xtask", 23_650),
 ];

@@ -15,7 +15,7 @@ use crate::{
     crosscheck::Crosscheck,
     figures, findings, guarded_stores,
     model::OUTSTANDING_TRANSFER,
-    modes, pin_edge_jitter,
+    modes, pin_edge_jitter, races,
     registers::Registers,
     releases::Releases,
     requirements,
@@ -181,6 +181,7 @@ fn check_code(system: &System<'_>, sections: &[Held], report: &mut Report) {
     flaws.extend(modes::flaws(system));
     flaws.extend(code_in_ram::flaws(program, config));
     flaws.extend(guarded_stores::flaws(program, config));
+    flaws.extend(races::flaws(program, system.app, config, sections));
     flaws.extend(startup::flaws(program, config));
 }
 

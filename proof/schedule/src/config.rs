@@ -48,6 +48,9 @@ pub struct Config {
     /// Stores that only a test lets happen.
     #[serde(default)]
     pub guarded: Vec<Guarded>,
+    /// Functions or files whose stores may be those of two tasks.
+    #[serde(default)]
+    pub shared: Vec<Shared>,
     /// Calls through pointers.
     #[serde(default)]
     pub pointer: Vec<Pointer>,
@@ -428,6 +431,16 @@ pub struct Guarded {
     /// The register that is tested.
     pub test: u32,
     /// What that ensures.
+    pub reason: String,
+}
+
+/// Stores to the same part of a static by tasks of several priorities.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shared {
+    /// Functions or files of all these stores, also inlined: parts of their paths.
+    pub by: Vec<String>,
+    /// Why no store is lost.
     pub reason: String,
 }
 

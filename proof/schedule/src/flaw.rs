@@ -34,6 +34,8 @@ pub enum Rule {
     Mismatch,
     /// A store to a register that the proof rests on, or to an address that is not known.
     Register,
+    /// Two tasks write the same part of a static, and no lock keeps the more urgent one out.
+    Race,
     /// A release that no task counts with.
     Release,
     /// A task with a deadline calls what is exempt.

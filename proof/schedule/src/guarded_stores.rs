@@ -76,7 +76,7 @@ mod tests {
     use crate::testing;
 
     #[test]
-    fn a_store_behind_a_test_may_be_left_out_and_comes_after_a_read() {
+    fn a_store_after_a_test_may_be_left_out_and_comes_after_a_read() {
         // 0: the read, then 1 with the store or 2, the end.
         let function = testing::function(&[(2, &[1, 2]), (2, &[2]), (2, &[])]);
         let at = |block: usize| BTreeSet::from([function.blocks[block].instructions[0].address]);

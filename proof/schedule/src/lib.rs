@@ -44,6 +44,7 @@ mod persistent_window;
 mod pin_edge_jitter;
 mod preempting_tasks;
 mod program;
+mod races;
 mod registers;
 mod releases;
 pub mod replay;

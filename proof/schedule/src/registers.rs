@@ -247,7 +247,7 @@ pub(crate) fn word_of_alias(address: u32) -> u32 {
 }
 
 /// Whether an instruction with these frames is of one of some functions or files, or inlined there.
-fn is_inlined(by: &[String], frames: &[Frame]) -> bool {
+pub(crate) fn is_inlined(by: &[String], frames: &[Frame]) -> bool {
     frames.iter().any(|frame| {
         let is_in = |by: &String| frame.function.contains(&**by) || frame.file.contains(&**by);
         by.iter().any(is_in)

@@ -533,3 +533,33 @@ fn a_vector_whose_handler_is_exempt_is_enabled_by_who_may() {
     let project = project.configured("[[exempt]]\nfunction = \"main\"", register);
     assert_eq!(project.analyse(&elf).flaws, []);
 }
+
+#[test]
+fn what_two_tasks_write_without_a_lock_is_caught() {
+    let items = "static PLACE: AtomicU32 = AtomicU32::new(0);";
+    let urgent = "device::acknowledge_timer(); PLACE.store(1 ^ PLACE.load(Relaxed), Relaxed);";
+    let project = or_skip!(Project::new("race"));
+    let project = project
+        .with("items", items)
+        .with("idle", "PLACE.store(2, Relaxed);");
+    let project = project.replacing("device::acknowledge_timer();", urgent);
+    let line = project.line(urgent);
+    let elf = project.build();
+    let flaw = assert_caught(&project.analyse(&elf).flaws, Rule::Race, line..=line).clone();
+    assert!(
+        flaw.what
+            .starts_with("`step` and the less urgent `idle` both write 0x2"),
+        "{}",
+        flaw.what
+    );
+    let entry = "[[shared]]\nby = [\"src/app.rs\"]\nreason = \"why not\"\n\n[[exempt]]";
+    let project = project.configured("[[exempt]]", entry);
+    assert_eq!(project.analyse(&elf).flaws, []);
+    // What is read and written in one step is no race.
+    let project = or_skip!(Project::new("no-race"));
+    let idle = "PLACE.fetch_add(2, Relaxed);";
+    let project = project.with("items", items).with("idle", idle);
+    let urgent = "device::acknowledge_timer(); PLACE.fetch_add(1, Relaxed);";
+    let project = project.replacing("device::acknowledge_timer();", urgent);
+    assert_eq!(project.flaws(), []);
+}

@@ -129,7 +129,7 @@ fn what_must_be_in_ram_is_not_in_flash() {
 }
 
 #[test]
-fn a_store_that_only_a_test_lets_happen_is_behind_it() {
+fn a_store_that_only_a_test_lets_happen_comes_after_it() {
     let guarded = |name: &str, code: &str| {
         let project = Project::new(name)?.replacing("device::write_pins(*cx.local.pins);", code);
         let entry = "[[guarded]]\nregister = 0x4002_0018\ntest = 0x4001_1000\nreason = \"why\"\n\n[[exempt]]";
@@ -137,8 +137,8 @@ fn a_store_that_only_a_test_lets_happen_is_behind_it() {
         let found = flaws.into_iter().filter(|flaw| flaw.rule == Rule::Register);
         Some(found.map(|flaw| flaw.what).collect::<Vec<_>>())
     };
-    let behind = "if device::has_byte() { device::write_pins(3); }";
-    assert_eq!(or_skip!(guarded("guarded", behind)), [""; 0]);
+    let tested = "if device::has_byte() { device::write_pins(3); }";
+    assert_eq!(or_skip!(guarded("guarded", tested)), [""; 0]);
     for (name, code) in [
         ("unguarded", "device::write_pins(3);"),
         (
