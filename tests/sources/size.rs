@@ -5,7 +5,7 @@ use super::sources;
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_140),
-    ("proof", 29_500),
+    ("proof", 30_900),
     ("src", 37_090),
     ("tests", 44_700),
     ("xtask", 23_650),
@@ -46,6 +46,14 @@ fn no_folder_has_more_code_than_its_ceiling() {
             "{folder}/ has {count} lines of code: lower its ceiling of {ceiling}"
         );
     }
+}
+
+/// Whoever trusts the checker reads it as a whole.
+#[test]
+fn the_checker_of_certificates_has_at_most_500_lines() {
+    let files = sources(&["proof/check.py"]);
+    let counts: Vec<_> = files.iter().map(|it| code_lines(&it.1)).collect();
+    assert!(matches!(counts[..], [0..=500]), "{counts:?}");
 }
 
 #[test]

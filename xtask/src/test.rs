@@ -314,7 +314,8 @@ fn proofs() -> Vec<Check> {
     let all = PROVEN_BOARDS.map(|board| {
         let axes = if board == SHOWN { 4 } else { 3 };
         Check::new(format!("the proof, {board}, {axes} axes"), move || {
-            check::by(tools::SCHEDULE, ["--board", board, "--verdict"], axes)
+            let arguments = ["--board", board, "--verdict", "--confirm"];
+            check::by(tools::SCHEDULE, arguments, axes)
         })
     });
     let for_hosts = Check::new("the proof with the RepRap dialect", || {

@@ -11,7 +11,7 @@ use crate::{
     Annotations, App, Cache, Clock, Config, Curve, Flaw, Image, Model, Place, Program, Report,
     Rule, Stream, Task, UndeadlinedWait, Window,
     calibration::Measured,
-    code_in_ram,
+    certificate, code_in_ram,
     crosscheck::Crosscheck,
     figures, findings, guarded_stores,
     model::OUTSTANDING_TRANSFER,
@@ -20,7 +20,7 @@ use crate::{
     releases::Releases,
     requirements,
     response::{self, Blocking, Flash, Response},
-    rta::{Demand, Load},
+    rta::Demand,
     sections::{self, Held},
     startup,
     system::{Row, System, misconfigured},
@@ -63,6 +63,19 @@ pub struct Input<'a> {
 ///
 /// Only when a file cannot be read or understood; all else is a flaw of the report.
 pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
+    Ok(run(input, false)?.0)
+}
+
+/// Analyses a program, and makes the certificate of the proof, as JSON, if it is proven.
+///
+/// # Errors
+///
+/// As [`analyse`].
+pub fn certify(input: &Input<'_>) -> Result<(Report, Option<String>), String> {
+    run(input, true)
+}
+
+fn run(input: &Input<'_>, certifies: bool) -> Result<(Report, Option<String>), String> {
     let sources = Sources::read(input)?;
     let (app, config) = (&sources.app, &sources.config);
     let program = Program::new(&sources.image, &sources.annotations);
@@ -100,10 +113,15 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
         flaws,
         ..Report::default()
     };
-    Analysis::new(&system, &mut report)?.report(&mut report)?;
+    let analysis = Analysis::new(&system, &mut report)?;
+    analysis.report(&mut report)?;
     report.flaws.sort();
     report.flaws.dedup();
-    Ok(report)
+    let is_certified = certifies && report.flaws.is_empty();
+    let certificate = is_certified
+        .then(|| certificate::of(&system, &analysis.blocking, &report, &analysis.named));
+    let certificate = certificate.transpose()?.map(|it| format!("{it}\n"));
+    Ok((report, certificate))
 }
 
 /// The files that an analysis reads.
@@ -468,17 +486,9 @@ impl<'a> Analysis<'a> {
 
 /// The demand of a response time, for the report.
 fn window(demand: &Demand) -> Window {
-    let stream = |load: &Load| Stream {
-        period: load.arrival.period,
-        group: load.arrival.group,
-        rate: load.arrival.sustained.map(|(rate, _)| rate),
-        burst: load.arrival.sustained.map_or(0.0, |(_, burst)| burst),
-        jitter: load.arrival.jitter,
-        cost: load.cost,
-    };
     Window {
-        own: demand.own.iter().map(stream).collect(),
-        others: demand.others.iter().map(stream).collect(),
+        own: demand.own.iter().map(Stream::from).collect(),
+        others: demand.others.iter().map(Stream::from).collect(),
         once: demand.once,
     }
 }

@@ -20,8 +20,10 @@ mod calls;
 #[cfg(test)]
 #[path = "../../../tests/support/cases.rs"]
 mod cases;
+mod certificate;
 mod code_in_ram;
 mod config;
+mod confirm;
 mod counted_loops;
 mod crosscheck;
 pub mod decode;
@@ -71,10 +73,11 @@ mod values;
 mod wcet;
 mod worst_path;
 
-pub use analyse::{Input, analyse};
+pub use analyse::{Input, analyse, certify};
 pub use annotations::{AnnotationError, Annotations};
 pub use calibration::Measured;
 pub use config::{Config, LongRows, Point, Replay};
+pub use confirm::confirm;
 pub use decode::Decoder;
 pub use flaw::{Flaw, Place, Rule};
 pub use formula::Formula;

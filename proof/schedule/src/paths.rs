@@ -46,6 +46,16 @@ pub(crate) struct Longest {
     pub(crate) iterations: BTreeMap<usize, (u64, Vec<u64>)>,
 }
 
+/// Dual values of the longest paths: from each block, the cost of the rest of a path, that block included, where it
+/// comes to an end. No edge of the graph makes a longer one.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Duals {
+    /// To where a path may end.
+    pub(crate) path: Vec<Option<u64>>,
+    /// For each loop by its head: to the end of an iteration.
+    pub(crate) iterations: BTreeMap<usize, Vec<Option<u64>>>,
+}
+
 /// The loops solved so far.
 struct Found {
     /// By their heads.
@@ -77,18 +87,9 @@ impl Graph {
             return None;
         }
         let order = self.order(source);
-        let mut found = Found {
-            iterations: BTreeMap::new(),
-            is_free: vec![false; self.costs.len()],
-        };
+        let mut found = self.none_found();
         for looped in &self.loops {
-            let paths = self.path_costs(&order, looped.head, Some(&looped.blocks), &found);
-            let iteration = self.longest_iteration(looped, &paths);
-            found.iterations.insert(looped.head, iteration);
-            let is_all = looped.in_runs.contains(&looped.head);
-            for (block, is_free) in found.is_free.iter_mut().enumerate() {
-                *is_free |= looped.in_runs.contains(&block) || is_all && looped.blocks[block];
-            }
+            self.solve(looped, &order, &mut found);
         }
         let paths = self.path_costs(&order, source, None, &found);
         let end = (0..self.costs.len())
@@ -110,6 +111,83 @@ impl Graph {
             counts,
             iterations: iterations.collect(),
         })
+    }
+
+    /// The dual values of the longest path from block 0.
+    pub(crate) fn duals(&self) -> Duals {
+        let order = self.order(0);
+        let mut found = self.none_found();
+        let mut iterations = BTreeMap::new();
+        for looped in &self.loops {
+            iterations.insert(looped.head, self.rests(&order, Some(looped), &found));
+            self.solve(looped, &order, &mut found);
+        }
+        Duals {
+            path: self.rests(&order, None, &found),
+            iterations,
+        }
+    }
+
+    fn none_found(&self) -> Found {
+        Found {
+            iterations: BTreeMap::new(),
+            is_free: vec![false; self.costs.len()],
+        }
+    }
+
+    /// Solves a loop whose inner loops are solved.
+    fn solve(&self, looped: &LoopPaths, order: &[usize], found: &mut Found) {
+        let paths = self.path_costs(order, looped.head, Some(&looped.blocks), found);
+        let iteration = self.longest_iteration(looped, &paths);
+        found.iterations.insert(looped.head, iteration);
+        let is_all = looped.in_runs.contains(&looped.head);
+        for (block, is_free) in found.is_free.iter_mut().enumerate() {
+            *is_free |= looped.in_runs.contains(&block) || is_all && looped.blocks[block];
+        }
+    }
+
+    /// The longest rest of a path from each block, or of an iteration of a loop.
+    fn rests(
+        &self,
+        order: &[usize],
+        looped: Option<&LoopPaths>,
+        found: &Found,
+    ) -> Vec<Option<u64>> {
+        let mut rests: Vec<Option<u64>> = vec![None; self.costs.len()];
+        let is_inside = |block: usize| looped.is_none_or(|looped| looped.blocks[block]);
+        for &block in order.iter().rev().filter(|block| is_inside(**block)) {
+            let ends = match looped {
+                Some(looped) => !looped.in_runs.is_empty() && self.leaves(looped, block),
+                None => self.ends[block],
+            };
+            let after = self.edges[block].iter().filter_map(|&(to, edge)| {
+                if looped.is_some_and(|looped| looped.head == to) {
+                    return Some(edge);
+                }
+                let is_free = found.is_free[block] && found.is_free[to];
+                let rest = rests[to].filter(|_| is_inside(to) && !self.is_back(block, to))?;
+                Some(rest + if is_free { 0 } else { edge })
+            });
+            let rest = after.chain(ends.then_some(0)).max();
+            let cost = self.cost(block, looped.map(|looped| looped.head), found);
+            rests[block] = rest.map(|rest| rest + cost);
+        }
+        rests
+    }
+
+    /// Whether a path may go from a block of a loop to where the loop has ended.
+    fn leaves(&self, looped: &LoopPaths, block: usize) -> bool {
+        let mut edges = self.edges[block].iter();
+        self.ends[block] || edges.any(|(to, _)| !looped.blocks[*to])
+    }
+
+    /// The cost of a block on a path, with the iterations of its loop, unless those are the path.
+    fn cost(&self, block: usize, own: Option<usize>, found: &Found) -> u64 {
+        if found.is_free[block] {
+            return 0;
+        }
+        let iteration = found.iterations.get(&block).filter(|_| own != Some(block));
+        self.costs[block] + iteration.map_or(0, |iteration| iteration.most * iteration.cost)
     }
 
     /// Blocks in an order in which every edge but those back leads forwards.
@@ -144,19 +222,7 @@ impl Graph {
     ) -> Vec<Option<(u64, usize)>> {
         let mut paths: Vec<Option<(u64, usize)>> = vec![None; self.costs.len()];
         let is_inside = |block: usize| within.is_none_or(|within| within[block]);
-        // The iterations of the loop being solved are no part of one iteration.
-        let extra = |block: usize| {
-            let is_own = within.is_some() && block == start;
-            let iteration = found.iterations.get(&block).filter(|_| !is_own);
-            iteration.map_or(0, |iteration| iteration.most * iteration.cost)
-        };
-        let cost = |block: usize| {
-            if found.is_free[block] {
-                0
-            } else {
-                self.costs[block] + extra(block)
-            }
-        };
+        let cost = |block: usize| self.cost(block, within.map(|_| start), found);
         paths[start] = Some((cost(start), start));
         for &block in order {
             let Some((so_far, _)) = paths[block] else {
@@ -195,11 +261,7 @@ impl Graph {
             .filter_map(|(block, (_, cost))| paths[block].map(|(path, _)| (path + cost, block)))
             .max();
         if !looped.in_runs.is_empty() {
-            let leaves = |block: &usize| {
-                let mut edges = self.edges[*block].iter();
-                self.ends[*block] || edges.any(|(to, _)| !looped.blocks[*to])
-            };
-            let last = blocks.filter(leaves);
+            let last = blocks.filter(|block| self.leaves(looped, *block));
             let last = last.filter_map(|block| paths[block].map(|(path, _)| (path, block)));
             longest = longest.max(last.max());
         }
@@ -363,6 +425,7 @@ mod tests {
             let enumerated = graph.enumerate(0, &BTreeMap::new(), 0);
             let longest = graph.longest().unwrap();
             prop_assert_eq!(longest.cost, enumerated);
+            prop_assert_eq!(graph.duals().path[0], Some(enumerated));
             let cost: u64 = longest.counts.iter().zip(&graph.costs).map(|(n, cost)| n * cost).sum();
             prop_assert!(cost <= enumerated);
         }

@@ -18,8 +18,8 @@ pub(crate) struct PreemptingTasks<'a> {
     system: &'a System<'a>,
     named: &'a BTreeMap<String, u64>,
     /// Rows of the warm tasks, and of the cold ones.
-    warm: Vec<usize>,
-    cold: Vec<usize>,
+    pub(crate) warm: Vec<usize>,
+    pub(crate) cold: Vec<usize>,
     pub(crate) cached: ResidentTasks,
 }
 

@@ -14,6 +14,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use serde::Serialize;
+
 use crate::{
     Point, SubstitutedRuns, Wcet,
     model::{CACHE_LINES, OUTSTANDING_TRANSFER, RESTART, RETRY},
@@ -28,7 +30,7 @@ use crate::{
 /// Lines that are fetched again when a task resumes after a preemption without a cache.
 const REFETCHED: u64 = 2;
 /// Response times above so many deadlines are not computed.
-const HOPELESS: f64 = 4.0;
+pub(crate) const HOPELESS: f64 = 4.0;
 
 /// A section that may hold tasks up.
 #[derive(Debug, Clone)]
@@ -62,6 +64,8 @@ const fn load((arrival, cost): &(Arrival, PersistentCost)) -> Load {
 pub(crate) enum Flash {
     Cached,
     Uncached,
+    /// Only that without it and that of persistent loops: as in a certificate.
+    Certified,
 }
 
 /// A row's response.
@@ -82,6 +86,23 @@ pub(crate) struct Response {
     pub(crate) substitution_cost: Option<f64>,
     /// The demand from which the response time is computed.
     pub(crate) demand: Demand,
+    /// What the demand is made of.
+    pub(crate) derivation: Derivation,
+}
+
+/// Which costs make up the demand of a window, if that is one without a cache or with persistent loops.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct Derivation {
+    /// The regime that the window is in.
+    pub(crate) regime: Option<String>,
+    /// With persistent loops, the rows whose lines stay in the cache: warm and cold ones.
+    pub(crate) resident: Option<(Vec<usize>, Vec<usize>)>,
+    /// Units for one substituted run, and units that a window may have beyond those of its whole runs.
+    pub(crate) substitution: Option<(u64, u64)>,
+    /// The longest section that holds the row up, where it is, and whether any such section stores exclusively.
+    pub(crate) section: u64,
+    pub(crate) section_place: String,
+    pub(crate) section_retries: bool,
 }
 
 impl Response {
@@ -125,8 +146,32 @@ fn up_to(
     system: &System<'_>,
     sections: &[Blocking],
     point: Point,
-    (deadlines, flash): (f64, Flash),
+    limits: (f64, Flash),
 ) -> Result<Vec<Option<Response>>, String> {
+    let mut responses: Vec<Option<Response>> = vec![None; system.rows.len()];
+    let length = |found: &Response| found.response.unwrap_or(u64::MAX);
+    for (row, found) in windows(system, sections, point, limits)? {
+        if responses[row]
+            .as_ref()
+            .is_none_or(|longest| length(longest) <= length(&found))
+        {
+            responses[row] = Some(found);
+        }
+    }
+    Ok(responses)
+}
+
+/// The responses of each row in each regime, with its number, that are no longer than so many deadlines.
+///
+/// # Errors
+///
+/// As [`all`].
+pub(crate) fn windows(
+    system: &System<'_>,
+    sections: &[Blocking],
+    point: Point,
+    (deadlines, flash): (f64, Flash),
+) -> Result<Vec<(usize, Response)>, String> {
     let named = system.config.numbers(&system.clock, point)?;
     let mut row_demands = Vec::new();
     for row in 0..system.rows.len() {
@@ -136,7 +181,7 @@ fn up_to(
     let substitutions =
         substitutions.map(|substitution| (substitution.rounded(&row_demands), substitution));
     let substitutions: Vec<(Vec<RowDemand>, Substitution)> = substitutions.collect();
-    let mut responses: Vec<Option<Response>> = vec![None; system.rows.len()];
+    let mut windows = Vec::new();
     for index in 0..row_demands.len() {
         let row = row_demands[index].row;
         if system.rows[row].kind_of.is_some() {
@@ -150,7 +195,8 @@ fn up_to(
                 let mut window =
                     Window::new((system, &named), sections, row_demands, index, regime);
                 window.substitution = substitution;
-                window.is_cached &= flash == Flash::Cached;
+                window.is_cached &= flash != Flash::Uncached;
+                window.is_certified = flash == Flash::Certified;
                 window.limit = (deadlines * window.own.deadline).clamp(0.0, 1e12) as u64;
                 window.respond()
             };
@@ -161,11 +207,13 @@ fn up_to(
                 .map(|(row_demands, substitution)| respond(row_demands, Some(substitution)));
             // Each is an upper bound.
             let best = found.min_by_key(|found| found.response.unwrap_or(u64::MAX));
-            best.unwrap_or_else(|| respond(&row_demands, None))
+            let mut best = best.unwrap_or_else(|| respond(&row_demands, None));
+            best.derivation.regime = regime.map(str::to_owned);
+            (row, best)
         });
-        responses[row] = found.max_by_key(|found| found.response.unwrap_or(u64::MAX));
+        windows.extend(found);
     }
-    Ok(responses)
+    Ok(windows)
 }
 
 /// How long tasks with deadlines may keep the processor from those without, which have lower priorities,
@@ -240,6 +288,7 @@ struct Found {
     via: &'static str,
     substitution_cost: Option<f64>,
     demand: Demand,
+    derivation: Derivation,
 }
 
 /// Which cost of a row counts in a window.
@@ -275,6 +324,7 @@ struct Window<'a> {
     limit: u64,
     miss: u64,
     is_cached: bool,
+    is_certified: bool,
     blocking: u64,
     blocking_lines: BTreeSet<u32>,
     blocking_retries: bool,
@@ -311,6 +361,7 @@ impl<'a> Window<'a> {
             limit: 0,
             miss: system.model.miss(),
             is_cached: !system.model.prefetch,
+            is_certified: false,
             blocking: worst.map_or(0, |section| section.cycles),
             blocking_lines: holding
                 .clone()
@@ -324,28 +375,31 @@ impl<'a> Window<'a> {
     }
 
     fn respond(self) -> Response {
-        let (cycles, share) = self.cost(Kind::Uncached);
-        let found = |(response, substitution_cost, demand), (cycles, share), via| Found {
-            response,
-            cycles,
-            share,
-            via,
-            substitution_cost,
-            demand,
+        let found = |own, others, more, via| {
+            let (response, substitution_cost, demand) = self.response(own, others, more);
+            let (cycles, share) = self.cost(own);
+            Found {
+                response,
+                cycles,
+                share,
+                via,
+                substitution_cost,
+                demand,
+                derivation: self.derivation(None),
+            }
         };
-        let response = self.response(Kind::Uncached, Kind::Uncached, 0);
-        let mut all = vec![found(response, (cycles, share), "uncached")];
-        if self.is_cached {
-            let response = self.response(Kind::Uncached, Kind::Cold, 0);
-            all.push(found(response, (cycles, share), "uncached"));
+        let mut all = vec![found(Kind::Uncached, Kind::Uncached, 0, "uncached")];
+        if self.is_cached && !self.is_certified {
+            all.push(found(Kind::Uncached, Kind::Cold, 0, "uncached"));
             if self.own.cost.wcet.cold != 0 {
-                let response = self.response(Kind::Cold, Kind::Cold, 0);
-                all.push(found(response, self.cost(Kind::Cold), "cold"));
+                all.push(found(Kind::Cold, Kind::Cold, 0, "cold"));
             }
             if let Some(lines) = self.shared_lines() {
-                let response = self.response(Kind::Warm, Kind::Warm, lines as u64 * self.miss);
-                all.push(found(response, self.cost(Kind::Warm), "persistent"));
+                let more = lines as u64 * self.miss;
+                all.push(found(Kind::Warm, Kind::Warm, more, "persistent"));
             }
+        }
+        if self.is_cached {
             let preempting = self.preempting();
             for resident in 1..=preempting.len() {
                 let warm = 0..=resident;
@@ -360,8 +414,7 @@ impl<'a> Window<'a> {
         let best = all
             .into_iter()
             .min_by_key(|found| found.response.unwrap_or(u64::MAX));
-        let none = (None, None, Demand::default());
-        let best = best.unwrap_or_else(|| found(none, (cycles, share), "uncached"));
+        let best = best.unwrap_or_else(|| found(Kind::Uncached, Kind::Uncached, 0, "uncached"));
         Response {
             arrival: self.own.arrival,
             deadline: self.own.deadline,
@@ -373,6 +426,19 @@ impl<'a> Window<'a> {
             response: best.response,
             substitution_cost: best.substitution_cost,
             demand: best.demand,
+            derivation: best.derivation,
+        }
+    }
+
+    /// What a demand of the window is made of, with such rows in the cache.
+    fn derivation(&self, resident: Option<(Vec<usize>, Vec<usize>)>) -> Derivation {
+        Derivation {
+            regime: None,
+            resident,
+            substitution: self.substitution.map(Substitution::units_and_rounding),
+            section: self.blocking,
+            section_place: self.blocking_source.clone(),
+            section_retries: self.blocking_retries,
         }
     }
 
@@ -458,6 +524,7 @@ impl<'a> Window<'a> {
             via: "loops",
             substitution_cost: self.substitution.map(|_| substitution_cost.units),
             demand,
+            derivation: self.derivation(Some((tasks.warm, tasks.cold))),
         })
     }
 

@@ -89,6 +89,15 @@ impl Substitution {
         self.units
     }
 
+    pub(crate) const fn units_and_rounding(&self) -> (u64, u64) {
+        (self.units, self.rounding)
+    }
+
+    /// The runs of other rows that come with a run, and with a unit.
+    pub(crate) const fn with(&self) -> [&BTreeMap<usize, u64>; 2] {
+        [&self.with_run, &self.with_unit]
+    }
+
     /// Whether runs are substituted in a regime.
     pub(crate) fn is_in(&self, system: &System<'_>, regime: Option<&str>) -> bool {
         let own = system.regime(self.row);

@@ -16,7 +16,7 @@ use crate::{
     budget::{ALL_CALLS, Budget, Budgets, Open, add_open, budget},
     loops::is_on_every_path,
     model::{self, CACHE_LINES},
-    paths::{Graph, Longest, LoopPaths},
+    paths::{Duals, Graph, Longest, LoopPaths},
     persistence::{PersistentLoops, Share},
 };
 
@@ -137,6 +137,13 @@ impl<'a> Wcets<'a> {
             .collect();
         bound.counts = longest.counts;
         Some(bound)
+    }
+
+    /// The dual values of a function's longest path.
+    pub(crate) fn duals(&self, address: u32, cache: Cache) -> Option<Duals> {
+        let function = self.functions.get(&address)?;
+        let graph = self.graph(function, cache, &mut Budgets::new(), |_| true)?;
+        Some(graph.duals())
     }
 
     /// The cost of fetching the first block.

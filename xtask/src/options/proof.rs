@@ -26,6 +26,12 @@ pub struct Schedule {
     /// Write the report to a file, for programs
     #[arg(long, value_name = "OUT")]
     pub json: Option<OutputPath>,
+    /// Write the certificate of the proof to a file, for `proof/check.py`
+    #[arg(long, value_name = "OUT", conflicts_with_all = ["rate", "check", "verdict"])]
+    pub certificate: Option<OutputPath>,
+    /// Have the certificate of the proof checked by `proof/check.py`
+    #[arg(long, conflicts_with_all = ["rate", "check"])]
+    pub confirm: bool,
     /// Write the report as a page with pictures
     #[arg(long, value_name = "OUT")]
     pub html: Option<OutputPath>,

@@ -6,7 +6,7 @@ use std::{
     process::Command,
 };
 
-use schedule::{Flaw, Input, Report, Rule, analyse};
+use schedule::{Flaw, Input, Report, Rule, analyse, certify};
 
 const TARGET: &str = "thumbv7em-none-eabihf";
 /// The application that a test compiles; the rest of the folder is copied.
@@ -110,7 +110,17 @@ impl Project {
     /// The report of the analysis of a program, with the sources as they are now.
     pub(crate) fn analyse(&self, elf: &Path) -> Report {
         write(&self.folder.join("src/app.rs"), &self.app);
-        let input = Input {
+        analyse(&self.input(elf)).expect("all files are there")
+    }
+
+    /// The certificate of the proof of a program.
+    pub(crate) fn certify(&self, elf: &Path) -> String {
+        let (report, certificate) = certify(&self.input(elf)).expect("all files are there");
+        certificate.unwrap_or_else(|| panic!("{:?}", report.flaws))
+    }
+
+    fn input<'a>(&'a self, elf: &'a Path) -> Input<'a> {
+        Input {
             elf,
             root: &self.folder,
             board: "fixture",
@@ -120,8 +130,7 @@ impl Project {
             step_rate_hz: None,
             baud: None,
             measured: None,
-        };
-        analyse(&input).expect("all files are there")
+        }
     }
 
     /// Builds it and says what is wrong.

@@ -18,6 +18,7 @@ macro_rules! or_skip {
     };
 }
 
+mod certificate;
 mod code;
 mod releases;
 mod startup;

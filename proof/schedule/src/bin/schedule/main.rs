@@ -17,9 +17,9 @@ mod verdict;
 use std::{fs, path::Path, process::ExitCode};
 
 use anstream::{eprintln, println};
-use anyhow::{Context, Error, Result, anyhow, bail, ensure};
+use anyhow::{Context, Error, Result, bail, ensure};
 use common::options::{self, Schedule as Options, Verb};
-use common::{cargo, text::row, tools, whole_thousands};
+use common::{cargo, install::Unavailable, text::row, tools, whole_thousands};
 use firmware::boards::{Board, compile};
 use owo_colors::OwoColorize;
 use schedule::{Clock, Config, Input, Measured, Model, Report, Rule, replay::Summary};
@@ -58,15 +58,15 @@ fn run(options: &Options) -> Result<ExitCode> {
         Some(elf) => elf.to_path_buf(),
         None => compile::firmware(&board)?,
     };
-    let report = analyse(&elf, &board, options)?;
+    let (report, confirmed) = analyse(&elf, &board, options)?;
     if options.rate {
         println!("{}", rate(&report)?);
         return Ok(ExitCode::SUCCESS);
     }
     if options.check || options.verdict {
-        return check(&report, &elf, options);
+        return check(&report, &elf, options, confirmed);
     }
-    print(&report);
+    print(&report, confirmed);
     if options.loops {
         println!();
         for line in text::uncounted_loops(&report) {
@@ -95,8 +95,8 @@ fn run(options: &Options) -> Result<ExitCode> {
     })
 }
 
-/// The report on a program.
-fn analyse(elf: &Path, board: &Board, options: &Options) -> Result<Report> {
+/// The report on a program, and the answer of the checker to its certificate if that is asked for.
+fn analyse(elf: &Path, board: &Board, options: &Options) -> Result<(Report, Option<String>)> {
     let input = Input {
         elf,
         root: cargo::root(),
@@ -108,12 +108,47 @@ fn analyse(elf: &Path, board: &Board, options: &Options) -> Result<Report> {
         baud: options.baud,
         measured: Measured::on(&board.name, cargo::root()).map_err(Error::msg)?,
     };
-    schedule::analyse(&input).map_err(|error| anyhow!("{error}"))
+    let is_certified = options.certificate.is_some() || options.confirm;
+    if !is_certified {
+        let report = schedule::analyse(&input).map_err(Error::msg)?;
+        return Ok((report, None));
+    }
+    let (report, certificate) = schedule::certify(&input).map_err(Error::msg)?;
+    let confirmed = certificate
+        .map(|it| confirmed(&it, elf, options))
+        .transpose()?;
+    Ok((report, confirmed.flatten()))
+}
+
+/// Writes a certificate where that is asked for, and has it checked where that is: returns what the checker says.
+fn confirmed(certificate: &str, elf: &Path, options: &Options) -> Result<Option<String>> {
+    let write = |path: &Path| {
+        fs::write(path, certificate).with_context(|| format!("cannot write {}", path.display()))
+    };
+    if let Some(path) = &options.certificate {
+        write(path)?;
+    }
+    if !options.confirm {
+        return Ok(None);
+    }
+    let path = elf.with_extension("certificate.json");
+    write(&path)?;
+    Ok(Some(match schedule::confirm(elf, &path) {
+        Ok(Ok(accepted)) => format!("certificate {accepted}"),
+        Ok(Err(refused)) => bail!("the certificate of the proof is {refused}"),
+        Err(error) if error.is::<Unavailable>() => format!("certificate not checked: {error}"),
+        Err(error) => return Err(error),
+    }))
 }
 
 /// Prints the verdict, and fails when the firmware is not proven or, where that is asked for, the
 /// documents show another report.
-fn check(report: &Report, elf: &Path, options: &Options) -> Result<ExitCode> {
+fn check(
+    report: &Report,
+    elf: &Path,
+    options: &Options,
+    confirmed: Option<String>,
+) -> Result<ExitCode> {
     for flaw in &report.flaws {
         eprintln!("{}", text::flaw(flaw));
     }
@@ -129,7 +164,8 @@ fn check(report: &Report, elf: &Path, options: &Options) -> Result<ExitCode> {
     } else {
         text::verdict(report)
     };
-    println!("{text}");
+    let confirmed = confirmed.map(|confirmed| format!("; {confirmed}"));
+    println!("{text}{}", confirmed.unwrap_or_default());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -213,7 +249,7 @@ fn rate(report: &Report) -> Result<u32> {
 }
 
 /// The report in the terminal.
-fn print(report: &Report) {
+fn print(report: &Report, confirmed: Option<String>) {
     let mut lines = text::heading(report).into_iter();
     if let Some(first) = lines.next() {
         println!("{}", first.bold());
@@ -250,6 +286,9 @@ fn print(report: &Report) {
         println!("{} {}", "proven".green().bold(), text::verdict(report));
     } else {
         println!("{} {}", "not proven".red().bold(), text::verdict(report));
+    }
+    if let Some(confirmed) = confirmed {
+        println!("{confirmed}");
     }
 }
 
