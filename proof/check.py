@@ -481,7 +481,9 @@ class Proof:
         regimes = {self.rows[it]["regime"] for it in self.timed} - {None} or {None}
         wanted = [it for it in self.timed if self.rows[it]["kind_of"] is None]
         wanted = {(it, regime) for it in wanted for regime in regimes if self.rows[it]["regime"] in (None, regime)}
-        windows = self.certificate["windows"]
+        kinds = {it: self.rows[it]["kind_of"] for it in self.timed if self.rows[it]["kind_of"] is not None}
+        windows, given = self.certificate["windows"], self.certificate["substitution"]
+        need(kinds == ({given["kind"]: given["row"]} if given else {}), "a row without a window")
         need(wanted == {(it["row"], it["derivation"]["regime"]) for it in windows}, "a window is missing")
         for it in windows:
             with about(self.rows[it["row"]]["name"]):
@@ -524,6 +526,7 @@ def taken(proof):
     given, code, rows = proof.certificate, proof.code, [proof.rows[it] for it in proof.timed]
     buses = {name: given["classes"][name] for name in (*BUSES[:-2], "flash_data", "flash_miss")}
     yield f"{given['board']}: {given['clock_hz']} Hz; waits of buses and flash: {buses}; calls: {given['limited']}"
+    yield f"substitution: {given['substitution']}"
     loops = [(it["blocks"][loop["head"]][0], loop) for it in code.functions.values() for loop in it["loops"]]
     for at, it in sorted(loops, key=lambda it: it[0]):
         count = it["total"] or it["most"]
@@ -531,8 +534,9 @@ def taken(proof):
         yield f"loop at {at:#x}: {count}{number}{'' if it['most'] else ' in all'}, by {it['origin']}"
     yield f"memory of accesses whose address is in a register: {dict(code.memory)}"
     for it in rows:
-        arrivals = [{name: value for name, value in part.items() if value and name != "cost"} for part in it["parts"]]
-        yield f"{it['name']}: {it['deadline']:.0f} cycles, {arrivals}, without {len(it['excluded'])} functions"
+        shown = ("deadline", "parts", "priority", "regime", "exclusive_with", "yields_to", "units")
+        text = ", ".join(f"{name} {it[name]}" for name in shown if it[name] not in (None, []))
+        yield f"{it['name']}: {text}, without {len(it['excluded'])} functions"
     sections = {(it["derivation"]["section"], it["derivation"]["section_place"]) for it in given["windows"]}
     yield "sections that hold rows up: " + ", ".join(f"{cycles} cycles {place}" for cycles, place in sorted(sections))
     others = set(code.vectors.values()).difference([code.default], *(it["entries"] for it in rows))
