@@ -80,12 +80,10 @@ const INPUT_PORTS: PortList = WIRING.input_ports();
 /// Returns the closed contacts.
 pub(super) fn read() -> Levels {
     let mut levels = [0; INPUT_PORTS.length];
-    // wcet-bound: 9
     for (index, level) in levels.iter_mut().enumerate() {
         *level = read_port(INPUT_PORTS.port(index));
     }
     let mut closed = Levels::NONE;
-    // wcet-bound: 11
     for input in WIRING.inputs {
         let level = levels[INPUT_PORTS.index(input.pin.port())];
         let is_high = level >> input.pin.number() & 1 != 0;

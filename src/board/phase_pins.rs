@@ -107,9 +107,7 @@ impl SharedMotors {
     #[inline]
     fn words(&self, phases: Phases) -> CoilWords {
         let mut words = [0; PORTS];
-        // wcet-bound: 6
         for (axis, energised) in self.energised.iter().enumerate() {
-            // wcet-bound: 6
             for (word, energised) in words.iter_mut().zip(&energised[phases.phase(axis)]) {
                 *word |= energised.load(Relaxed);
             }
@@ -136,7 +134,6 @@ pub(super) fn write() {
 /// Outputs a word for each port.
 #[inline]
 fn output(words: CoilWords) {
-    // wcet-bound: 6
     for (index, word) in words.into_iter().enumerate() {
         write_port(EVENT_PORTS.port(index), word);
     }

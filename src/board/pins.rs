@@ -80,7 +80,6 @@ pub(super) fn words(event: StepEvent) -> Words {
     };
     let mut words = load(&SHARED.events[first + index % MASKS]);
     let second = load(&SHARED.events[first + MASKS + index / MASKS % MASKS]);
-    // wcet-bound: 6
     for (word, second) in words.iter_mut().zip(second) {
         *word |= second;
     }
@@ -110,7 +109,6 @@ impl NextWords {
     #[expect(unsafe_code, reason = "nothing else has it meanwhile")]
     fn set(&self, words: Words) {
         let first = self.0.get().cast::<u32>();
-        // wcet-bound: 6
         for (port, word) in words.into_iter().enumerate() {
             // SAFETY: as above; there is a word for each port.
             unsafe { first.add(port).write_volatile(word) };
@@ -136,7 +134,6 @@ pub(super) fn next_words() -> Words {
 
 /// Outputs a word for each port of events.
 fn write_events(words: Words) {
-    // wcet-bound: 6
     for (index, word) in words.into_iter().enumerate() {
         write_port(EVENT_PORTS.port(index), word);
     }

@@ -254,14 +254,12 @@ impl Inputs {
 
     /// Latches limit switches that become active after a number of events; for `inputs` alone.
     pub(super) fn latch_limits(&self, limits: Levels, events: u32) {
-        // wcet-bound: axes
         for (axis, reached) in self.limit_latches.iter().take(AXES).enumerate() {
             if limits.has(Levels::limits(1 << axis)) {
                 reached.store(events, Relaxed);
             }
         }
         if HAS_SECOND_MOTORS && limits.has(Levels::SECOND_LIMITS) {
-            // wcet-bound: 3
             for (axis, reached) in self.limit_latches.iter().skip(AXES).enumerate() {
                 if limits.has(Levels::second_limits(1 << axis)) {
                     reached.store(events, Relaxed);

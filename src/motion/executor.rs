@@ -168,7 +168,6 @@ impl Executor {
         };
         let left_mm = block.length_mm * (whole as f32 / WHOLE_Q31 as f32);
         let mut per_mm = 0.0;
-        // wcet-bound: axes
         for axis in &block.steps_per_mm {
             per_mm = math::max(per_mm, axis.abs());
         }

@@ -317,8 +317,7 @@ impl LookAhead {
     fn plan_speeds_part(&mut self, from: usize, mut before_mm_s: f32, progress: PassProgress) {
         let end = self.queue.len().min(from + SPEEDS_PER_PART);
         let mut slack_s = if from == 0 { 0.0 } else { self.slack_s };
-        // wcet-bound: 32
-        for number in from..end {
+        for number in (from..end).take(SPEEDS_PER_PART) {
             let queued = self.queue.get_mut(number);
             let block = &mut queued.block;
             let (speed_mm_s, left_s) = self.profile.limit_rate(

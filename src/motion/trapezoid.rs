@@ -117,8 +117,8 @@ fn backward_part<const IS_NEW: bool>(
     let remaining = queue.count.saturating_sub(from);
     let blocks = remaining.min(BLOCKS_PER_PART).min(newest + 1);
     let row = queue.ring.get_mut(newest + 1 - blocks..=newest);
-    // wcet-bound: 64
-    for queued in row.unwrap_or_default().iter_mut().rev() {
+    let row = row.unwrap_or_default().iter_mut().rev();
+    for queued in row.take(BLOCKS_PER_PART) {
         let plan = &mut queued.trapezoid;
         let braked_sqr = match &queued.block.curve {
             None => plan.braking.line_entry_for(exit_sqr),

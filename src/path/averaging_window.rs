@@ -24,7 +24,6 @@ impl AveragingWindow {
     /// The shortest window that keeps the jerk limit of every axis at its full acceleration.
     pub(crate) fn new(settings: &Settings) -> Self {
         let mut longest_s = 0.0;
-        // wcet-bound: axes
         for axis in 0..AXES {
             let jerk = settings.jerk_mm_s3[axis];
             if jerk > 0.0 {

@@ -239,7 +239,7 @@ impl Text {
         let mut is_significant = false;
         for (digit_value, index) in values.iter().zip((0..MAX_DIGITS).rev()) {
             let mut digit = b'0';
-            // wcet-bound: 9
+            // wcet-bound: 9: a digit rises from 0 to 9
             while remainder >= *digit_value && digit < b'9' {
                 remainder -= digit_value;
                 digit += 1;

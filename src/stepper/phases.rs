@@ -33,7 +33,6 @@ const PHASE_BITS: u32 = in_all(PHASES as u32 - 1);
 #[inline]
 const fn ones_of(axes: u32) -> u32 {
     let (mut digits, mut axis) = (0, 0);
-    // wcet-bound: 6
     while axis < AXES as u32 {
         digits |= (axes >> axis & 1) << (DIGIT * axis);
         axis += 1;

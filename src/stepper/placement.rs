@@ -33,7 +33,10 @@ use super::{
     ring::EventBatch,
     step_times::{AxisSteps, TIME_FRACTION_BITS},
 };
-use crate::model::timing::{PULSE_LOW_TICKS, SLOT_TICKS};
+use crate::{
+    axis::AXES,
+    model::timing::{PULSE_LOW_TICKS, SLOT_TICKS},
+};
 
 /// [`SLOT_TICKS`] as a difference of times.
 pub(super) const SLOT_TICKS_SIGNED: i32 = SLOT_TICKS.cast_signed();
@@ -122,7 +125,7 @@ fn push_all_but_last(
     let (mut time_fixed, period_fixed) = (steps.time_fixed, steps.period_fixed);
     let mut last_ticks = last_ticks.cast_unsigned();
     let mut batch = *events;
-    // wcet-bound: segment_steps, wcet-total: segment_steps
+    // wcet-bound: segment_steps, wcet-total: segment_steps: one axis has all steps of the segment
     for _ in 1..steps.remaining {
         let time = time_fixed >> TIME_FRACTION_BITS;
         let low_ticks = time.wrapping_sub(last_ticks).wrapping_sub(pulse_ticks);
@@ -236,7 +239,7 @@ impl Placement {
             move_neighbours(slots, time_fixed);
             slots.add_pulse_end(slot + pulse_slots, axis_mask);
         };
-        // wcet-bound: segment_steps, wcet-total: segment_steps
+        // wcet-bound: segment_steps, wcet-total: segment_steps per add_steps: a segment has no more, of all axes
         while time_fixed != end_fixed {
             add(time_fixed);
             time_fixed = time_fixed.wrapping_add(period_fixed);
@@ -257,7 +260,7 @@ impl Placement {
     ) {
         let mut steps = *steps;
         let (mut slot, mut earliest) = (0, self.earliest_slot);
-        // wcet-bound: segment_steps, wcet-total: segment_steps
+        // wcet-bound: segment_steps, wcet-total: segment_steps per add_steps: a segment has no more, of all axes
         while steps.remaining != 0 {
             let time = self.offset_ticks + steps.next_ticks;
             slot = time / SLOT_TICKS;
@@ -353,7 +356,7 @@ impl Slots {
     /// no later in its slot than the step in its own. An event of `fixed_axes` ends the row.
     fn move_neighbours_earlier(&mut self, slot: u32, fixed_axes: u32, ticks: u32) {
         let mut before = slot.wrapping_sub(1);
-        // wcet-bound: 2048, wcet-total: neighbours
+        // wcet-bound: 2048, wcet-total: neighbours per add_steps: an event moves for one step of the dominant axis
         while let Some(event) = self.movable_event(before, fixed_axes) {
             *event = event.with_slot_ticks(event.ticks().min(ticks));
             before = before.wrapping_sub(1);
@@ -381,7 +384,6 @@ impl Slots {
     /// Moves the events in the slots right before another to the start of their slots,
     /// [`MAX_MOVED_NEIGHBOURS`] at most.
     pub(super) fn move_neighbours_to_slot_start(&mut self, slot: u32, fixed_axes: u32) {
-        // wcet-bound: 8
         for before in 1..=MAX_MOVED_NEIGHBOURS {
             let Some(event) = self.movable_event(slot.wrapping_sub(before), fixed_axes) else {
                 break;
@@ -398,8 +400,11 @@ impl Slots {
     /// Adds a change of the direction outputs, alone in the first slot from `slot` on without an
     /// event, and returns that slot.
     pub(super) fn add_direction_change(&mut self, mut slot: u32, directions: u8) -> u32 {
-        // wcet-bound: axes
-        while *self.occupied_word(slot) & bit(slot) != 0 {
+        // Pulses of the other axes end in some, one of each.
+        for _ in 0..AXES {
+            if *self.occupied_word(slot) & bit(slot) == 0 {
+                break;
+            }
             slot = slot.wrapping_add(1);
         }
         self.add(slot, StepEvent::set_directions(0, directions));
@@ -452,7 +457,7 @@ impl Slots {
             u32::MAX.checked_shr(ahead).unwrap_or(0)
         };
         let mut bits = 0;
-        // wcet-bound: segment_words, wcet-total: segment_words
+        // wcet-bound: segment_words, wcet-total: segment_words per drain: the loops pass the words of a segment
         while is_before(first) {
             bits = *self.occupied_word(first) & !later(first);
             if bits != 0 {
@@ -476,7 +481,7 @@ impl Slots {
         let mut push =
             |first: u32, (mut bits, events): (u32, &mut [StepEvent; WORD_BITS as usize])| {
                 let begin = first.wrapping_sub(base).wrapping_mul(SLOT_TICKS);
-                // wcet-bound: 32, wcet-total: segment_events
+                // wcet-bound: 32, wcet-total: segment_events per drain: each bit of a word is an event of the segment
                 while let Some(index) = first_set(bits) {
                     bits &= !bit(index);
                     let event = core::mem::take(&mut events[index as usize]);
@@ -486,7 +491,7 @@ impl Slots {
                 }
             };
         let last = end / WORD_BITS * WORD_BITS;
-        // wcet-bound: segment_words, wcet-total: segment_words
+        // wcet-bound: segment_words, wcet-total: segment_words per drain: it goes on where the first has ended
         while first != last {
             push(first, self.drain_word(first, 0));
             first = first.wrapping_add(WORD_BITS);

@@ -44,7 +44,6 @@ impl PulseCounts {
         const SPREAD: u32 = 1 << (2 * (COUNT_BITS - 1)) | 1 << (COUNT_BITS - 1) | 1;
         /// One pulse of each.
         const ONE_EACH: u32 = 1 << (2 * COUNT_BITS) | 1 << COUNT_BITS | 1;
-        // wcet-bound: 2
         for (word, pulses) in self.0.iter_mut().enumerate() {
             *pulses += ((mask >> (AXES_IN_WORD * word)) * SPREAD) & ONE_EACH;
         }
@@ -82,20 +81,20 @@ pub fn steps_after(
     let mut pulses = PulseCounts::NONE;
     let mut number = first;
     let last_group_end = first.wrapping_add(length - length % EVENTS_IN_GROUP);
-    // wcet-bound: segment_event_groups
+    // wcet-bound: segment_event_groups: these are the events of one segment
     while number != last_group_end {
-        // wcet-bound: 4
         for place in 0..EVENTS_IN_GROUP {
             pulses.add(events.event(number.wrapping_add(place)).raise());
         }
         number = black_box(number.wrapping_add(EVENTS_IN_GROUP));
     }
-    // wcet-bound: 3
-    while number != output {
+    for _ in 1..EVENTS_IN_GROUP {
+        if number == output {
+            break;
+        }
         pulses.add(events.event(number).raise());
         number = black_box(number.wrapping_add(1));
     }
-    // wcet-bound: axes
     for (axis, steps) in steps.iter_mut().enumerate() {
         let pulses = pulses.of(axis);
         let is_negative = directions >> axis & 1 != 0;
@@ -122,20 +121,20 @@ fn steps_by_direction(
     };
     let mut number = first;
     let last_group_end = first.wrapping_add(length - length % EVENTS_IN_GROUP);
-    // wcet-bound: segment_event_groups
+    // wcet-bound: segment_event_groups: these are the events of one segment
     while number != last_group_end {
-        // wcet-bound: 4
         for place in 0..EVENTS_IN_GROUP {
             count(number.wrapping_add(place));
         }
         number = black_box(number.wrapping_add(EVENTS_IN_GROUP));
     }
-    // wcet-bound: 3
-    while number != first.wrapping_add(length) {
+    for _ in 1..EVENTS_IN_GROUP {
+        if number == first.wrapping_add(length) {
+            break;
+        }
         count(number);
         number = black_box(number.wrapping_add(1));
     }
-    // wcet-bound: axes
     for (axis, steps) in steps.iter_mut().enumerate() {
         *steps = steps.wrapping_add(all.of(axis) - 2 * negative.of(axis));
     }
@@ -150,7 +149,6 @@ const _: () = assert!(pulse_slots(255 * TICKS_PER_US) + 2 <= LONGEST_PULSE_EVENT
 /// Returns the axes whose pulses are high after `output` events.
 pub(super) fn pulses_high_after(output: u32, events: &EventWriter<'_>) -> u32 {
     let (mut high, mut known) = (0, 0);
-    // wcet-bound: 256
     for back in 1..=LONGEST_PULSE_EVENTS {
         let event = events.event(output.wrapping_sub(back));
         high |= event.raise() & !known;

@@ -131,7 +131,6 @@ impl SegmentRing {
         entry.spindle_rpm.store(info.spindle_rpm.to_bits(), Relaxed);
         entry.line.store(info.line, Relaxed);
         entry.first_event.store(info.first_event, Relaxed);
-        // wcet-bound: axes
         for (to, from) in entry.steps.iter().zip(&info.steps) {
             to.store(*from, Relaxed);
         }
@@ -211,9 +210,8 @@ impl SegmentRing {
     /// segment in which `events` had been output; `None` when that is too long ago.
     pub(super) fn segment_at(&self, events: u32) -> Option<(Axes<i32>, u8, u32)> {
         let begun = self.begun.load(Relaxed);
-        // wcet-bound: 32
-        for back in 1..=SEGMENT_RING as u32 {
-            let entry = self.entry(begun.wrapping_sub(back));
+        for back in 0..SEGMENT_RING as u32 {
+            let entry = self.entry(begun.wrapping_sub(back + 1));
             let first = entry.first_event.load(Relaxed);
             let since = events.wrapping_sub(first);
             if since.cast_signed() >= 0 {

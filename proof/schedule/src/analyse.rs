@@ -9,7 +9,7 @@ use std::{
 
 use crate::{
     Annotations, App, Cache, Clock, Config, Curve, Flaw, Image, Model, Place, Program, Report,
-    Rule, Stream, Task, UndeadlinedWait, Window,
+    Rule, Stream, Task, UndeadlinedWait, Window, believed,
     calibration::Measured,
     certificate, code_in_ram,
     crosscheck::Crosscheck,
@@ -266,6 +266,7 @@ impl<'a> Analysis<'a> {
         let rows = self.system.rows.iter().enumerate();
         let tasks = rows.map(|(index, row)| self.task(index, row, responses[index].as_ref()));
         report.tasks = tasks.collect();
+        self.loops(report);
         report.utilisation = response::utilisation(self.system, &responses);
         let prices = responses
             .iter()
@@ -301,6 +302,20 @@ impl<'a> Analysis<'a> {
         report.requirements = required;
         report.flaws.extend(flaws);
         Ok(())
+    }
+
+    /// How far the bounds of the loops of each row are known.
+    fn loops(&self, report: &mut Report) {
+        report
+            .flaws
+            .extend(believed::flaws(self.system, &self.named));
+        let program = self.system.program;
+        report.believed = believed::comments(program.functions().values(), &self.named);
+        for (row, task) in self.system.rows.iter().zip(&mut report.tasks) {
+            let reached = self.system.wcets(row, &self.named).reach(row.root);
+            let functions = reached.iter().filter_map(|at| program.function(*at));
+            task.loops = believed::count(functions, &self.named);
+        }
     }
 
     fn task(&self, index: usize, row: &Row, response: Option<&Response>) -> Task {

@@ -1,13 +1,14 @@
 //! Bounds of loops that the source states.
 //!
 //! ```text
-//! // wcet-bound: 6          at most six runs each time that the loop is entered
-//! // wcet-total: 170        at most 170 runs in one activation, whatever loops are around it
+//! // wcet-bound: 6: why           at most six runs each time that the loop is entered
+//! // wcet-total: 170: why         at most 170 runs in one activation, which enters it once
+//! // wcet-total: 170 per f: why   the same, however often it is entered in one call of `f`
 //! for axis in axes { … }
 //! ```
 //!
 //! Loops whose totals have the same name share one budget. Both may stand in one comment: `//
-//! wcet-bound: axes, wcet-total: segment_steps`.
+//! wcet-bound: axes, wcet-total: segment_steps: why`. The reason is needed where nothing counts the loop.
 //!
 //! A comment belongs to the loop beneath it or on its own line, or to the statement there: then to
 //! the loops of library functions that the statement calls. Instead of a number it may give a name
@@ -125,6 +126,31 @@ mod tests {
         assert_eq!(total, Some(Count::Named("many".to_owned())));
         assert_eq!(loops[1].whole, 5..=5);
         assert_eq!(loops[0].header, 2..=2);
+    }
+
+    #[test]
+    fn a_comment_gives_a_reason_for_all_its_parts_and_the_function_of_a_total() {
+        let text = "fn f() {
+            // wcet-bound: 7: a line: 7 words
+            for a in x {}
+            // wcet-bound: 32, wcet-total: events per drain: bits of a word
+            loop { break }
+            loop { break } // wcet-total: 9 per drain
+        }";
+        let loops = loops(text).unwrap();
+        let parsed = |stated: &Option<Stated>| {
+            let it = stated.clone().unwrap();
+            (it.per, it.reason)
+        };
+        let some = |text: &str| Some(text.to_owned());
+        assert_eq!(parsed(&loops[0].bound), (None, some("a line: 7 words")));
+        assert_eq!(parsed(&loops[1].bound), (None, some("bits of a word")));
+        let drain = some("drain");
+        assert_eq!(
+            parsed(&loops[1].total),
+            (drain.clone(), some("bits of a word"))
+        );
+        assert_eq!(parsed(&loops[2].total), (drain, None));
     }
 
     #[test]

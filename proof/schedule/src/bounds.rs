@@ -22,11 +22,9 @@ use std::{
 
 use crate::{
     Address, Annotations, Block, Bound, Count, Flaw, Frame, Function, Image, Instruction, Loop,
-    Operation, Rule, Total,
+    Operation, Rule, Runs, Total,
     annotations::{SourceLoop, Stated},
-    busy_waits,
-    counted_loops::{self, Runs},
-    loops,
+    busy_waits, counted_loops, loops,
     model::RETRY,
     value_analysis::States,
     values::Surroundings,
@@ -67,26 +65,21 @@ pub(crate) fn find(
         let stated = source.and_then(Source::bound);
         // An earlier exit depends on another writer: only the counter bounds the loop.
         let is_external = busy_waits::depends_on_external_state(function, one);
-        let total = source.and_then(Source::of_activation);
-        if let Some(runs) = runs.filter(|runs| runs.is_exact || is_external) {
-            let stated = stated.iter().chain(&total);
-            let wrong: Vec<Flaw> = stated
-                .filter_map(|stated| wrong(around.image, function, one, stated, runs))
-                .collect();
-            function.flaws.extend(wrong);
-        }
         let counted = runs.filter(|runs| !runs.is_open).map(|runs| Bound {
             count: Count::Number(runs.returns),
             origin: "constants".to_owned(),
+            reason: None,
         });
         let retries = is_retry(function, &function.loops[index]).then(|| Bound {
             count: Count::Number(1),
             origin: "an exclusive store that is tried again".to_owned(),
+            reason: None,
         });
         let one = &mut function.loops[index];
-        one.counted = runs.map(|runs| runs.returns);
+        one.counted = runs;
+        one.stated.clone_from(&stated);
         one.bound = match counted {
-            Some(counted) if is_external => Some(counted),
+            Some(counted) if is_external || runs.is_some_and(Runs::is_exact) => Some(counted),
             counted => smaller(stated.or(retries), counted),
         };
         let blocks = &function.blocks;
@@ -95,6 +88,9 @@ pub(crate) fn find(
         };
         let in_runs: BTreeSet<usize> = own.iter().copied().filter(in_run).collect();
         one.total = source.and_then(|source| source.total(in_runs));
+        let wrong = wrong_numbers(around.image, function, index, is_external);
+        function.flaws.extend(wrong);
+        let one = &function.loops[index];
         if one.bound.is_none() && one.total.is_none() {
             let flaw = unbounded(around.image, function, index);
             function.flaws.push(flaw);
@@ -117,42 +113,53 @@ fn unbounded(image: &Image, function: &Function, index: usize) -> Flaw {
     )
 }
 
-/// The smaller of two bounds; a name is not compared.
+/// The smaller of two bounds; a name is compared where it has a value: [`Loop::most`].
 fn smaller(stated: Option<Bound>, counted: Option<Bound>) -> Option<Bound> {
     match (stated, counted) {
         (Some(stated), Some(counted)) => match (&stated.count, &counted.count) {
-            (Count::Number(number), Count::Number(runs)) if number > runs => Some(counted),
+            (Count::Number(number), Count::Number(runs)) if number >= runs => Some(counted),
             _ => Some(stated),
         },
         (stated, counted) => stated.or(counted),
     }
 }
 
-/// A stated bound that is smaller than the number of runs.
-fn wrong(
+/// The numbers of comments that are too small.
+fn wrong_numbers(image: &Image, function: &Function, index: usize, waits: bool) -> Vec<Flaw> {
+    let one = &function.loops[index];
+    let numbers = one.comments().filter_map(|stated| match stated.count {
+        Count::Number(number) => Some((stated, number)),
+        Count::Named(_) => None,
+    });
+    let wrong = numbers.filter_map(|it| wrong(image, function, one, it, waits));
+    wrong.collect()
+}
+
+/// A stated bound of `number` runs that is smaller than their number: than those that every entry makes, or those of
+/// a loop that waits, whose earlier end depends on another writer.
+pub(crate) fn wrong(
     image: &Image,
     function: &Function,
     one: &Loop,
-    stated: &Bound,
-    runs: Runs,
+    (stated, number): (&Bound, u64),
+    waits: bool,
 ) -> Option<Flaw> {
-    let Count::Number(number) = stated.count else {
-        return None;
+    let runs = one.counted?;
+    let (runs_so, count) = match runs {
+        _ if runs.is_exact() => ("runs", runs.least),
+        Runs { is_open: true, .. } if runs.least == runs.returns => ("runs more than", runs.least),
+        _ if waits => ("that waits may run", runs.returns),
+        _ => ("runs at least", runs.least),
     };
-    (number < runs.returns).then(|| {
-        let runs_so = match runs {
-            Runs { is_open: true, .. } => "runs more than",
-            Runs { is_exact: true, .. } => "runs",
-            _ => "that waits may run",
-        };
+    let origin = &stated.origin;
+    (number < count).then(|| {
         Flaw::new(
             Rule::WrongBound,
             format!(
-                "a loop {runs_so} {} times, but {} says that it runs {number} times at most",
-                runs.returns, stated.origin
+                "a loop {runs_so} {count} times, but {origin} says that it runs {number} times at most"
             ),
             image.place(function.blocks[one.head].start()),
-            format!("Correct the comment in {}.", stated.origin),
+            format!("Correct the comment in {origin}."),
         )
     })
 }
@@ -329,19 +336,16 @@ impl Source {
                 .any(|chain| chain.get(level).is_some_and(is_header))
     }
 
-    fn stated(&self, stated: &Stated) -> (Count, String) {
-        let origin = format!("{}:{}", self.file, stated.line);
-        (stated.count.clone(), origin)
+    fn stated(&self, stated: &Stated) -> Bound {
+        Bound {
+            count: stated.count.clone(),
+            origin: format!("{}:{}", self.file, stated.line),
+            reason: stated.reason.clone(),
+        }
     }
 
     fn bound(&self) -> Option<Bound> {
-        let (count, origin) = self.stated(self.found.bound.as_ref()?);
-        Some(Bound { count, origin })
-    }
-
-    fn of_activation(&self) -> Option<Bound> {
-        let (count, origin) = self.stated(self.found.total.as_ref()?);
-        Some(Bound { count, origin })
+        Some(self.stated(self.found.bound.as_ref()?))
     }
 
     /// Whether a run of the body has begun wherever a block is executed: that of a `loop` begins at
@@ -367,10 +371,10 @@ impl Source {
     }
 
     fn total(&self, in_runs: BTreeSet<usize>) -> Option<Total> {
-        let (count, origin) = self.stated(self.found.total.as_ref()?);
+        let total = self.found.total.as_ref()?;
         Some(Total {
-            count,
-            origin,
+            bound: self.stated(total),
+            per: total.per.clone(),
             in_runs,
         })
     }

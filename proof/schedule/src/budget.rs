@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::{Count, Function, Total};
+use crate::{Bound, Count, Function};
 
 /// A loop: its function, its head; or with [`ALL_CALLS`] all calls of the function.
 pub(crate) type Place = (u32, usize);
@@ -47,8 +47,11 @@ pub(crate) fn add_open(open: &mut Budgets, budget: Budget, one: Open) {
 /// Returns the budget of a loop.
 pub(crate) fn budget(function: &Function, head: usize) -> Budget {
     let mut loops = function.loops.iter().filter(|looped| looped.head == head);
-    match loops.find_map(|looped| looped.total.as_ref()) {
-        Some(Total {
+    match loops
+        .find_map(|looped| looped.total.as_ref())
+        .map(|total| &total.bound)
+    {
+        Some(Bound {
             count: Count::Named(name),
             ..
         }) => Budget::Named(name.clone()),

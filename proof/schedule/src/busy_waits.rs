@@ -9,7 +9,7 @@ mod polled_memory;
 use std::collections::BTreeSet;
 
 use crate::{
-    Block, Count, Flaw, Function, Image, Instruction, Loop, Operation, Region, Rule,
+    Block, Bound, Count, Flaw, Function, Image, Instruction, Loop, Operation, Region, Rule,
     loops::is_on_every_path, wcet::Functions,
 };
 
@@ -32,9 +32,9 @@ pub(crate) fn flaws(
             .find(|it| is_peripheral(function, it))
             .map_or(head, |it| it.address);
         let (rule, what) = if has_counted_end(function, one) {
-            let counted = one.counted?;
+            let counted = one.counted?.returns;
             let is_less = |count: &Count| matches!(count, Count::Number(it) if *it < counted);
-            let (_, origin) = stated(one).find(|(count, _)| is_less(count))?;
+            let origin = &stated(one).find(|bound| is_less(&bound.count))?.origin;
             let what = format!("a loop that waits may run {counted} times, in spite of {origin}");
             (Rule::WrongBound, what)
         } else {
@@ -53,12 +53,10 @@ pub(crate) fn flaws(
 }
 
 /// The bounds that the source states for a loop, and their places.
-fn stated(one: &Loop) -> impl Iterator<Item = (&Count, &String)> {
-    let bound = one.bound.iter().map(|bound| (&bound.count, &bound.origin));
-    let total = one.total.iter().map(|total| (&total.count, &total.origin));
-    bound
-        .chain(total)
-        .filter(|(_, origin)| origin.contains(".rs:"))
+fn stated(one: &Loop) -> impl Iterator<Item = &Bound> {
+    let totals = one.total.iter().map(|total| &total.bound);
+    let bounds = one.bound.iter().chain(totals);
+    bounds.filter(|bound| bound.is_stated())
 }
 
 fn own_instructions<'a>(
@@ -82,7 +80,7 @@ fn is_peripheral(function: &Function, instruction: &Instruction) -> bool {
 
 /// Whether a loop, or a function called in it, waits for a peripheral or for another writer of
 /// memory.
-fn is_busy_wait(functions: &Functions, function: &Function, one: &Loop) -> bool {
+pub(crate) fn is_busy_wait(functions: &Functions, function: &Function, one: &Loop) -> bool {
     let called = called(functions, function, one);
     let mut instructions = called.iter().flat_map(|function| {
         let blocks = function.blocks.iter().flat_map(|it| &it.instructions);

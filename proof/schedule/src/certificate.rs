@@ -134,9 +134,9 @@ fn graph(function: &Function) -> Value {
             "head": looped.head,
             "blocks": looped.blocks,
             "most": bound.filter(|_| total.is_none()).map(|bound| count(&bound.count)),
-            "total": total.map(|total| count(&total.count)),
+            "total": total.map(|total| count(&total.bound.count)),
             "in_runs": in_runs,
-            "origin": total.map(|total| &total.origin).or(bound.map(|bound| &bound.origin)),
+            "origin": total.map(|total| &total.bound.origin).or(bound.map(|bound| &bound.origin)),
         })
     });
     json!({

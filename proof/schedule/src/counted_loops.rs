@@ -6,7 +6,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    Block, Instruction, Loop, Operation,
+    Block, Instruction, Loop, Operation, Runs,
     value_analysis::States,
     values::{State, Surroundings},
 };
@@ -15,17 +15,6 @@ use crate::{
 const MOST_RUNS: u64 = 5_000;
 /// Most instructions that are followed for one loop.
 const MOST_STEPS: u64 = 300_000;
-
-/// How often a loop is run again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Runs {
-    /// Most returns to its head for each entry; ...
-    pub(crate) returns: u64,
-    /// ... or so many were followed, and more may come.
-    pub(crate) is_open: bool,
-    /// Whether nothing ends it earlier.
-    pub(crate) is_exact: bool,
-}
 
 /// Follows `one`; `None` when its end is not found.
 pub(crate) fn runs(
@@ -39,24 +28,35 @@ pub(crate) fn runs(
         blocks,
         one,
         steps: 0,
-        is_exact: true,
+        may_end: false,
         is_decided: false,
     };
     let mut state = entry(around, blocks, states, one)?;
-    let mut returns = 0;
+    let (mut least, mut returns) = (0, 0);
     while returns < MOST_RUNS
         && let Some(next) = run.follow(&state)
     {
         let Some(next) = next else {
-            return Some(run.found(returns, false));
+            return Some(Runs {
+                least,
+                returns,
+                is_open: false,
+            });
         };
         if next == state || !run.is_decided {
             return None;
         }
         state = next;
         returns += 1;
+        if !run.may_end {
+            least = returns;
+        }
     }
-    Some(run.found(returns, true))
+    Some(Runs {
+        least,
+        returns,
+        is_open: true,
+    })
 }
 
 /// The state where the loop is entered.
@@ -96,7 +96,8 @@ struct Run<'a> {
     blocks: &'a [Block],
     one: &'a Loop,
     steps: u64,
-    is_exact: bool,
+    /// Whether a way led out of the loop in a run that may also go on.
+    may_end: bool,
     /// Whether a branch out of the loop was decided.
     is_decided: bool,
 }
@@ -128,11 +129,13 @@ impl Run<'_> {
             let taken = decide(&state, last);
             state.step(self.around, last);
             state.settle();
-            self.note_ends(index, block, taken);
+            self.note_ends(block, taken);
+            self.may_end |= block.ends || block.traps;
             for edge in &block.successors {
                 if taken.is_some_and(|taken| taken != edge.is_taken) {
                     continue;
                 }
+                self.may_end |= !self.one.blocks.contains(&edge.to);
                 if edge.to == self.one.head {
                     again = Some(again.map_or_else(|| state.clone(), |known| known.join(&state)));
                 } else if self.one.blocks.contains(&edge.to) {
@@ -150,16 +153,8 @@ impl Run<'_> {
         Some(again)
     }
 
-    const fn found(&self, returns: u64, is_open: bool) -> Runs {
-        Runs {
-            returns,
-            is_open,
-            is_exact: self.is_exact,
-        }
-    }
-
     /// Notes whether the end of `block` decides if the loop goes on.
-    fn note_ends(&mut self, index: usize, block: &Block, taken: Option<bool>) {
+    fn note_ends(&mut self, block: &Block, taken: Option<bool>) {
         let leaves = |to: usize| !self.one.blocks.contains(&to);
         let mut edges = block.successors.iter();
         let ends_loop = block.ends || block.traps || edges.clone().any(|edge| leaves(edge.to));
@@ -168,9 +163,6 @@ impl Run<'_> {
             return;
         }
         self.is_decided |= taken.is_some() && (ends_loop || ends_run);
-        // Every run must come to the branch that ends the loop, and be ended by nothing else.
-        let is_passed = index == self.one.head || self.one.back.iter().eq([&index]);
-        self.is_exact &= !ends_loop || taken.is_some() && is_passed;
     }
 }
 

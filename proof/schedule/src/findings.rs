@@ -3,13 +3,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    Block, Count, Extent, Flaw, Function, Instruction, Operation, Place, Report, Rule, Section,
-    Stack, busy_waits, config,
+    Block, Extent, Flaw, Function, Instruction, Operation, Place, Report, Rule, Section, Stack,
+    busy_waits, config,
     graph::BASEPRI,
     library_flaws,
     sections::{Held, UNKNOWN_CEILING},
     stack::{self, Depths, FLOAT_FRAME_BYTES, FRAME_BYTES},
-    system::{Row, System, misconfigured},
+    system::{Row, System},
+    totals,
 };
 
 /// Flaws of the code that a row may run.
@@ -24,26 +25,8 @@ pub(crate) fn of_row(system: &System<'_>, row: &Row, named: &BTreeMap<String, u6
     flaws.extend(float_above(system, row, &reached));
     for function in reached.iter().filter_map(|at| system.program.function(*at)) {
         flaws.extend(busy_waits::flaws(system.image, all, function, |_| true));
-        for looped in &function.loops {
-            let bound = looped
-                .bound
-                .as_ref()
-                .map(|bound| (&bound.count, &bound.origin));
-            let total = looped
-                .total
-                .as_ref()
-                .map(|total| (&total.count, &total.origin));
-            for (count, origin) in bound.into_iter().chain(total) {
-                if let (Count::Named(name), None) = (count, wcets.number(count)) {
-                    let what = format!("the bound `{name}` at {origin} is not known");
-                    flaws.push(misconfigured(
-                        what,
-                        "Define it in `schedule.toml`, at [bounds].",
-                    ));
-                }
-            }
-        }
     }
+    flaws.extend(totals::flaws(system, row, &wcets, &reached));
     flaws
 }
 

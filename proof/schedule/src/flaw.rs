@@ -18,6 +18,8 @@ pub enum Rule {
     UncountedLoop,
     /// A loop runs more often than its comment says.
     WrongBound,
+    /// A bound that nothing counts has no reason, or is that of one call where there may be several.
+    BelievedBound,
     /// A loop has two entries.
     IrreducibleLoop,
     /// A function calls itself.

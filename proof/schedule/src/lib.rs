@@ -12,6 +12,7 @@
 
 mod analyse;
 mod annotations;
+mod believed;
 mod bounds;
 mod budget;
 mod busy_waits;
@@ -67,6 +68,7 @@ mod task_lines;
 mod tasks_without_deadline;
 #[cfg(test)]
 mod testing;
+mod totals;
 mod unanalysed_code;
 mod value_analysis;
 mod values;
@@ -85,10 +87,11 @@ pub use graph::{raises, restores};
 pub use image::{Extent, Frame, Image, ImageError};
 pub use instruction::{Address, Instruction, Operation, Writeback};
 pub use model::{Cache, Clock, Model, lines};
-pub use program::{Block, Bound, Count, Edge, Function, Loop, Program, Region, Store, Total};
+pub use program::{Block, Bound, Count, Edge, Function, Loop, Program, Region, Runs, Store, Total};
 pub use report::{
-    Curve, KnownFigures, Line, Report, Requirement, Section, Stack, Stream, SubstitutedRuns, Task,
-    TasksWithoutDeadline, UncountedLoops, UndeadlinedWait, Wcet, Window,
+    BelievedLoop, Curve, KnownFigures, Line, LoopCounts, Report, Requirement, Section, Stack,
+    Stream, SubstitutedRuns, Task, TasksWithoutDeadline, UncountedLoops, UndeadlinedWait, Wcet,
+    Window,
 };
 pub use rtic::{App, AppTask};
 pub use source_files::SourceFile;

@@ -39,6 +39,7 @@ pub(crate) fn find(blocks: &[Block]) -> Loops {
             back: BTreeSet::new(),
             bound: None,
             counted: None,
+            stated: None,
             total: None,
             lines: BTreeSet::new(),
             within: String::new(),

@@ -107,7 +107,7 @@ pub(crate) fn stores_exclusively(block: &Block) -> bool {
 
 /// Whether loading all lines for a visit costs less than fetching the loop in each iteration.
 fn pays(wcets: &Wcets<'_>, looped: &Loop, own: usize, all: usize) -> bool {
-    let total = looped.total.as_ref().map(|total| &total.count);
+    let total = looped.total.as_ref().map(|total| &total.bound.count);
     let count = total.or(looped.bound.as_ref().map(|bound| &bound.count));
     // One decision for all values: so that costs grow evenly with them.
     let iterations = count.map_or(0, |count| match count {

@@ -84,6 +84,19 @@ pub struct Bound {
     pub count: Count,
     /// Where it is from: `file:line` of the comment, or how it was found.
     pub origin: String,
+    /// Why it holds, as the comment says.
+    pub reason: Option<String>,
+}
+
+/// How often the analysis finds a loop to be run again for each entry.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Runs {
+    /// Returns to its head that every entry makes: in none of the runs before could it end.
+    pub least: u64,
+    /// Returns that were followed: the most there are, ...
+    pub returns: u64,
+    /// ... unless more may come.
+    pub is_open: bool,
 }
 
 /// A comment `// wcet-total: N` on a line: the loop that owns the line runs its body at most N
@@ -92,9 +105,9 @@ pub struct Bound {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Total {
     /// Most runs of the body for each activation.
-    pub count: Count,
-    /// `file:line` of the comment.
-    pub origin: String,
+    pub bound: Bound,
+    /// The function of whose calls one makes so many runs; without it, one entry of the loop does.
+    pub per: Option<String>,
     /// Blocks that are executed in a run of the body only, and so no more often: what the body
     /// stores is in them. Not those of inner loops.
     pub in_runs: BTreeSet<usize>,
@@ -111,9 +124,10 @@ pub struct Loop {
     pub back: BTreeSet<usize>,
     /// How often it runs, when that is known.
     pub bound: Option<Bound>,
-    /// The number of iterations after which the loop's counter ends it, or up to which the counter
-    /// was followed.
-    pub counted: Option<u64>,
+    /// How often its counter lets it run.
+    pub counted: Option<Runs>,
+    /// The bound that a comment states, used or not.
+    pub stated: Option<Bound>,
     /// How often it runs in all, when that is said.
     pub total: Option<Total>,
     /// Its own lines, `file:line`: for messages.
@@ -148,6 +162,30 @@ pub struct Function {
     pub flaws: Vec<Flaw>,
     /// Whether it ever returns.
     pub returns: bool,
+}
+
+impl Count {
+    /// Its value; `None`: its name has none.
+    pub(crate) fn value(&self, named: &BTreeMap<String, u64>) -> Option<u64> {
+        match self {
+            Self::Number(number) => Some(*number),
+            Self::Named(name) => named.get(name).copied(),
+        }
+    }
+}
+
+impl Runs {
+    /// Whether every entry makes so many returns, and no more.
+    pub(crate) const fn is_exact(self) -> bool {
+        !self.is_open && self.least == self.returns
+    }
+}
+
+impl Bound {
+    /// Whether a comment states it.
+    pub(crate) fn is_stated(&self) -> bool {
+        self.origin.contains(".rs:")
+    }
 }
 
 impl Block {

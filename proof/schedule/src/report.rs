@@ -63,6 +63,8 @@ pub struct Report {
     pub assumptions: Vec<String>,
     /// The numbers of `schedule.toml` that it counts on.
     pub figures: Vec<KnownFigures>,
+    /// The comments that state bounds which nothing counts.
+    pub believed: BTreeSet<BelievedLoop>,
     /// The flaws; empty: proven.
     pub flaws: Vec<Flaw>,
 }
@@ -78,6 +80,28 @@ pub struct KnownFigures {
     pub known: String,
     /// Files that keep or check it.
     pub by: Vec<String>,
+}
+
+/// How far the bounds of the loops of a row are known.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct LoopCounts {
+    /// Loops that the analysis counts.
+    pub counted: usize,
+    /// The same, where a comment states no less.
+    pub counted_and_stated: usize,
+    /// Loops of which only a comment says how often they run.
+    pub believed: usize,
+}
+
+/// A bound that is believed.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct BelievedLoop {
+    /// `file:line` of the comment.
+    pub place: String,
+    /// The number, or its name.
+    pub count: String,
+    /// Why it holds, as the comment says.
+    pub reason: String,
 }
 
 /// Worst-case execution times, entry and exit of the exception included, cycles.
@@ -166,6 +190,8 @@ pub struct Task {
     pub deadline_cycles: Option<f64>,
     /// Deadline less response time, µs.
     pub slack_us: Option<f64>,
+    /// How far the bounds of its loops are known.
+    pub loops: LoopCounts,
     /// Lines of the instruction cache that it touches.
     pub icache_lines: usize,
     /// Stack of one activation, exception frame included, bytes.

@@ -289,7 +289,7 @@ impl<'a> System<'a> {
             let bound = looped.bound.as_ref().map(|bound| &bound.count);
             bound
                 .into_iter()
-                .chain(looped.total.as_ref().map(|total| &total.count))
+                .chain(looped.total.as_ref().map(|total| &total.bound.count))
         });
         let named = counts.filter_map(|count| match count {
             crate::Count::Named(name) => Some(name.clone()),

@@ -9,7 +9,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    Cache, Count, Flaw, Function, Loop, Place, Report, Rule, TasksWithoutDeadline, Total,
+    Bound, Cache, Count, Flaw, Function, Loop, Place, Report, Rule, TasksWithoutDeadline, Total,
     UncountedLoops,
     bounds::source_function,
     config::{Watchdog, is_named},
@@ -230,8 +230,12 @@ fn strip(function: &mut Function, excluded_by_watchdog: &BTreeSet<u32>) {
     for looped in &mut function.loops {
         if looped.bound.is_none() && looped.total.is_none() {
             looped.total = Some(Total {
-                count: Count::Number(0),
-                origin: String::new(),
+                bound: Bound {
+                    count: Count::Number(0),
+                    origin: String::new(),
+                    reason: None,
+                },
+                per: None,
                 in_runs: BTreeSet::new(),
             });
         }

@@ -79,17 +79,23 @@ pub(crate) fn store(at: u32, to: u32, value: Option<u32>) -> Store {
     }
 }
 
+pub(crate) fn bound(count: Count) -> Bound {
+    Bound {
+        count,
+        origin: "test".to_owned(),
+        reason: None,
+    }
+}
+
 /// A loop with a bound.
 pub(crate) fn counted(head: usize, blocks: &[usize], back: &[usize], count: u64) -> Loop {
     Loop {
         head,
         blocks: blocks.iter().copied().collect(),
         back: back.iter().copied().collect(),
-        bound: Some(Bound {
-            count: Count::Number(count),
-            origin: "test".to_owned(),
-        }),
+        bound: Some(bound(Count::Number(count))),
         counted: None,
+        stated: None,
         total: None,
         lines: BTreeSet::new(),
         within: String::new(),

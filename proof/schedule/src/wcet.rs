@@ -284,12 +284,13 @@ impl<'a> Wcets<'a> {
     }
 
     fn loop_paths(&self, function: &Function, looped: &Loop) -> Option<LoopPaths> {
-        let total = looped.total.as_ref().map(|total| self.number(&total.count));
-        let bound = looped.bound.as_ref().map(|bound| self.number(&bound.count));
-        let (total, most) = match (total, bound) {
-            (Some(total), _) => (Some(total?), None),
-            (None, Some(most)) => (None, Some(most?)),
-            (None, None) => return None,
+        let total = looped
+            .total
+            .as_ref()
+            .map(|total| self.number(&total.bound.count));
+        let (total, most) = match total {
+            Some(total) => (Some(total?), None),
+            None => (None, Some(looped.most(self.named, &self.varied)?)),
         };
         let blocks = 0..function.blocks.len();
         let in_runs = looped.total.as_ref().map(|total| &total.in_runs);
@@ -305,10 +306,7 @@ impl<'a> Wcets<'a> {
 
     /// A bound as a number; `None` when its name is not known.
     pub(crate) fn number(&self, count: &Count) -> Option<u64> {
-        match count {
-            Count::Number(number) => Some(*number),
-            Count::Named(name) => self.named.get(name).copied(),
-        }
+        count.value(self.named)
     }
 
     /// A block with what it calls, without its fetches.
@@ -517,8 +515,8 @@ mod tests {
         inner.loops = vec![testing::counted(1, &[1], &[1], 3)];
         if let Some(count) = total {
             inner.loops[0].total = Some(Total {
-                count,
-                origin: String::new(),
+                bound: testing::bound(count),
+                per: None,
                 in_runs: BTreeSet::from([1]),
             });
         }

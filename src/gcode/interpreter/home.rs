@@ -124,7 +124,6 @@ pub(super) fn shorten_jog(state: &Interpreter, settings: &Settings, checked: &mu
         return;
     }
     let mut share = 1.0;
-    // wcet-bound: axes
     for axis in 0..AXES {
         if ends[axis] != to[axis] {
             let axis_share =
@@ -132,7 +131,6 @@ pub(super) fn shorten_jog(state: &Interpreter, settings: &Settings, checked: &mu
             share = f64::min(share, axis_share);
         }
     }
-    // wcet-bound: axes
     for axis in 0..AXES {
         let (from, to) = (from[axis], to[axis]);
         if to == from {

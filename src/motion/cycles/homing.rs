@@ -207,7 +207,6 @@ impl Homing {
         }
         let active = inputs.active();
         let searching = self.current_axes & !self.stopping_axes & !self.squaring.axes();
-        // wcet-bound: axes
         let first = (0..AXES)
             .find(|axis| searching >> axis & 1 != 0 && active.has(Levels::limits(1 << axis)));
         if HAS_SECOND_MOTORS {
@@ -315,7 +314,6 @@ impl Homing {
     #[inline]
     fn stop_axes(&mut self, axes: u8) {
         let speeds = self.cycle_move.axis_speeds();
-        // wcet-bound: axes
         for axis in 0..AXES {
             if axes & !self.stopping_axes & 1 << axis != 0 {
                 self.stopping_speeds[axis] = speeds[axis];
@@ -334,7 +332,6 @@ impl Homing {
         }
         let ticks = segment.ticks as f32;
         let rate = 1.0 / ticks;
-        // wcet-bound: axes
         for axis in 0..AXES {
             if self.stopping_axes >> axis & 1 != 0 {
                 let speed = self.stopping_speeds[axis];
@@ -388,7 +385,6 @@ impl Homing {
     /// The axes of the group are at home; the next ones follow.
     fn finish(&mut self, inputs: &Inputs, generator: &mut Generator) {
         let mut steps = self.parameters.axis_steps_of(&generator.steps());
-        // wcet-bound: axes
         for (axis, steps) in steps.iter_mut().enumerate() {
             if (self.current_axes | self.marked_axes) >> axis & 1 != 0 {
                 *steps = self.parameters.home(axis);
@@ -427,7 +423,6 @@ impl Homing {
         let closed = inputs.active();
         let position = self.parameters.axes_of(generator.position());
         let mut delta = Axes([black_box(0); AXES]);
-        // wcet-bound: axes
         for axis in 0..AXES {
             if self.current_axes >> axis & 1 == 0 {
                 continue;
@@ -467,7 +462,6 @@ impl Homing {
     /// Returns how far the switches are searched, mm: as far as the longest axis needs.
     fn search_mm(&self) -> f32 {
         let mut travel_mm = 0.0;
-        // wcet-bound: axes
         for (axis, travel) in self.parameters.travel_mm.iter().enumerate() {
             if self.current_axes >> axis & 1 != 0 {
                 travel_mm = math::max(travel_mm, *travel);

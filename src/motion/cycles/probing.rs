@@ -48,7 +48,6 @@ impl ProbingCycle {
         };
         match probing {
             Probing::LimitSwitch => {
-                // wcet-bound: axes
                 for (axis, delta) in block.delta.iter().enumerate() {
                     cycle.axes |= u8::from(*delta != 0) << axis;
                 }
@@ -96,7 +95,6 @@ impl ProbingCycle {
             return inputs.probe_latch();
         }
         let closed = inputs.active() & self.switches();
-        // wcet-bound: axes
         let mut axes = 0..AXES;
         let axis = axes.find(|axis| closed.has(Levels::limits(1 << axis)))?;
         Some(inputs.limit_latch(inputs.active_switch(axis)))

@@ -154,7 +154,6 @@ impl MovingAverage {
     /// Whether the reference's motion has been played to its end.
     pub(in crate::motion) fn is_at_standstill(&self) -> bool {
         let mut sum = 0.0;
-        // wcet-bound: 4
         for speed in &self.speeds {
             sum += speed;
         }
@@ -252,7 +251,6 @@ impl MovingAverage {
         };
         let mut sample_s = SAMPLE_S - self.played_s;
         let ends = self.speeds[1..].iter().zip(&self.distances_mm);
-        // wcet-bound: 3
         for (point, (to, distance)) in forecast.points[1..].iter_mut().zip(ends).take(self.known) {
             if end.speed_mm_s <= 0.0 && end.seconds > 0.0 && forecast.standstill.is_none() {
                 forecast.standstill = Some(end);
@@ -331,7 +329,6 @@ impl MovingAverage {
         self.played_s += seconds;
         let [first, ..] = &mut self.distances_mm;
         *first -= distance_mm;
-        // wcet-bound: 3
         for _ in 0..SAMPLES_AHEAD {
             if self.played_s < SAMPLE_S || self.known == 0 {
                 break;

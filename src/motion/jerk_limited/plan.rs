@@ -210,8 +210,7 @@ impl Plan {
         mut ahead_mm: f32,
     ) {
         let end = queue.len().min(from + BLOCKS_PER_PART);
-        // wcet-bound: 2
-        for number in from..end {
+        for number in (from..end).take(BLOCKS_PER_PART) {
             self.plan_block(queue, number, Some(ahead_mm));
             let here = self.reference.number();
             if number == here {
@@ -242,7 +241,7 @@ impl Plan {
     ) {
         *pass = Pass::Done;
         let end = queue.len().min(from + BLOCKS_PER_PART);
-        // wcet-bound: 2
+        // wcet-bound: 2: `end` is no more than `BLOCKS_PER_PART` behind `from`
         for back in from..end {
             let number = queue.len() - back;
             let Some(limits) = queue.limits(number) else {

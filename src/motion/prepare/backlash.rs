@@ -51,7 +51,6 @@ impl Backlash {
     /// Takes over the settings, at a standstill: the direction in which an axis has moved last stays.
     pub(super) fn configure(&mut self, settings: &Settings) {
         self.positive_pull_off = settings.homing_direction;
-        // wcet-bound: axes
         for axis in 0..AXES {
             let before = self.steps[axis];
             self.steps[axis] = settings.backlash_steps(axis);
@@ -73,7 +72,6 @@ impl Backlash {
 
     /// These axes have been homed, bit 0 = X.
     pub(super) fn home(&mut self, axes: u8) {
-        // wcet-bound: axes
         for axis in 0..AXES {
             if axes >> axis & 1 != 0 {
                 self.pull_off(axis);
@@ -98,7 +96,6 @@ impl Backlash {
     #[inline(never)]
     pub(super) fn follow(&mut self, generator: &mut Generator, of_motors: &mut CycleMove) {
         let motors = generator.steps();
-        // wcet-bound: axes
         for axis in 0..AXES {
             let moved = motors[axis].wrapping_sub(self.followed[axis]);
             let lead = self.lead[axis].saturating_add(moved);
@@ -147,7 +144,6 @@ impl Motion {
     #[inline(never)]
     pub(super) fn begin_take_up(&mut self, take_up: TakeUp) {
         let mut delta = Axes([0; AXES]);
-        // wcet-bound: axes
         for axis in 0..AXES {
             let (backlash, lead) = (self.backlash.steps[axis], self.backlash.lead[axis]);
             let ahead = if take_up.positive >> axis & 1 != 0 {

@@ -96,7 +96,6 @@ impl Motion {
             return;
         };
         let mut is_tool_change = false;
-        // wcet-bound: 16
         for byte in taken.take(OVERRIDES) {
             is_tool_change |= byte == TOOL_CHANGE;
             if let Some(command) = Override::from_byte(byte) {

@@ -86,7 +86,6 @@ impl Limits {
     /// Returns the smallest of the limits, each divided by the axis's share of the direction.
     pub(crate) fn along(limits: &Axes<f32>, direction: &Axes<f32>) -> f32 {
         let mut smallest = f32::MAX;
-        // wcet-bound: axes
         for (limit, share) in limits.iter().zip(direction) {
             if *share != 0.0 {
                 smallest = math::min(smallest, limit / share.abs());

@@ -98,7 +98,6 @@ impl Generator {
         let arc = &mut self.arc;
         arc.axes = arc.progress.axes();
         let (mut last, mut known, mut reversals) = (directions, 0, 0);
-        // wcet-bound: 6
         for place in &mut arc.steps {
             let Some(step) = arc.progress.take_step(&segment) else {
                 break;
@@ -130,7 +129,7 @@ impl Generator {
     pub(super) fn add_arc_steps(&mut self) {
         let mut free = self.first_slot.cast_signed();
         let mut number = 0;
-        // wcet-bound: 5
+        // wcet-bound: 5: before each of four reversals, and behind the last
         while let Some(step) = self.arc.step(number) {
             free = self.change_direction(step, free);
             (number, free) = self.add_arc_steps_up_to_reversal(number, free);
@@ -163,7 +162,7 @@ impl Generator {
     fn add_arc_steps_up_to_reversal(&mut self, mut number: usize, mut free: i32) -> (usize, i32) {
         let base = self.base_slot;
         let pulse = pulse_slots(self.pulse_ticks);
-        // wcet-bound: 6, wcet-total: 6
+        // wcet-bound: 6, wcet-total: 6 per add_arc_steps: the segment has no more steps of the arc
         while let Some(step) = self.arc.step(number) {
             let bit = 1_u32 << step.axis;
             let is_reversed = (u32::from(self.directions) & bit != 0) != step.is_negative;
@@ -196,13 +195,13 @@ impl Generator {
     /// Takes the steps of the arc that will not be made off the position.
     #[inline(never)]
     pub(super) fn withdraw_arc(&mut self) {
-        let mut number = 0;
-        // wcet-bound: 6
-        while let Some(step) = self.arc.step(number) {
+        for number in 0..self.arc.steps.len() {
+            let Some(step) = self.arc.step(number) else {
+                break;
+            };
             if let Some(position) = self.position.0.get_mut(step.axis) {
                 *position = after(*position, !step.is_negative);
             }
-            number += 1;
         }
         self.arc.count = 0;
     }

@@ -22,7 +22,6 @@ impl Generator {
         }
         segments.discard_pending();
         self.clear_steps();
-        // wcet-bound: axes
         for end in self.pulse_end_slots {
             self.slots.remove(end);
         }
@@ -50,7 +49,6 @@ impl Generator {
         }
         #[cfg(arc_machine)]
         self.withdraw_arc();
-        // wcet-bound: axes
         for axis in 0..AXES {
             let is_negative = self.directions >> axis & 1 != 0;
             self.withdraw_steps(axis, is_negative, self.axes[axis].remaining);
@@ -73,7 +71,6 @@ impl Generator {
         if high != 0 {
             self.slots.add_pulse_end(end, high);
         }
-        // wcet-bound: axes
         for (axis, last) in self.pulse_end_slots.iter_mut().enumerate() {
             *last = if high >> axis & 1 == 0 { free } else { end };
         }

@@ -68,7 +68,8 @@ pub struct Schedule {
         conflicts_with_all = ["elf", "step_rate", "baud", "json", "html", "check", "replay", "mutants"]
     )]
     pub marks: Option<String>,
-    /// Print the loops of tasks without a deadline that nothing counts, with what ends them
+    /// Print the loops of tasks without a deadline that nothing counts, with what ends them, and the bounds that are
+    /// believed
     #[arg(long, conflicts_with_all = ["write", "check", "replay", "mutants"])]
     pub loops: bool,
     /// Print the cycles of each class of instructions and accesses, and analyse nothing

@@ -14,6 +14,10 @@ use crate::Count;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Stated {
     pub(crate) count: Count,
+    /// The function of whose calls one has this total.
+    pub(crate) per: Option<String>,
+    /// Why it holds.
+    pub(crate) reason: Option<String>,
     /// The line of the comment.
     pub(crate) line: u32,
 }
@@ -75,6 +79,7 @@ fn comments(text: &str) -> Result<Vec<Comment>, (u32, String)> {
             Some(offset) if code.trim().is_empty() => number + 1 + offset as u32,
             _ => number,
         };
+        let (comment, reason) = split_reason(comment);
         for part in comment.split(", wcet-") {
             let (kind, value) = if let Some(value) = part.strip_prefix("bound:") {
                 (Kind::Bound, value)
@@ -83,10 +88,16 @@ fn comments(text: &str) -> Result<Vec<Comment>, (u32, String)> {
             } else {
                 return Err((number, format!("`wcet-{part}` is neither bound nor total")));
             };
+            let (value, per) = match value.split_once(" per ") {
+                Some((value, per)) if kind == Kind::Total => (value, Some(per.trim().to_owned())),
+                _ => (value, None),
+            };
             comments.push(Comment {
                 kind,
                 stated: Stated {
                     count: count(value.trim()).map_err(|error| (number, error))?,
+                    per,
+                    reason: reason.map(str::to_owned),
                     line: number,
                 },
                 target,
@@ -94,6 +105,22 @@ fn comments(text: &str) -> Result<Vec<Comment>, (u32, String)> {
         }
     }
     Ok(comments)
+}
+
+/// The parts of a comment, and the reason behind the last of them.
+fn split_reason(comment: &str) -> (&str, Option<&str>) {
+    let last = comment.rfind(", wcet-").unwrap_or(0);
+    let value = comment[last..].find(':').map_or(last, |at| last + at + 1);
+    match comment[value..].trim_start().split_once(": ") {
+        Some((_, reason)) => {
+            let parts = &comment[..comment.len() - reason.len() - 2];
+            (
+                parts,
+                Some(reason.trim()).filter(|reason| !reason.is_empty()),
+            )
+        }
+        None => (comment, None),
+    }
 }
 
 fn is_code(line: &str) -> bool {

@@ -1,10 +1,10 @@
 //! The analysed functions, laid out for following an execution instruction by instruction.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use super::Plan;
 use crate::{
-    Address, Block, Count, Function, Instruction, Model, Operation, Region, raises, restores,
+    Address, Block, Bound, Count, Function, Instruction, Model, Operation, Region, raises, restores,
 };
 
 /// The effect of an instruction on the sections in which tasks are held up.
@@ -297,23 +297,17 @@ impl FollowedLoop {
         looped: &crate::Loop,
         named: &BTreeMap<String, u64>,
     ) -> Result<Self, String> {
-        let number = |count: &Count| match count {
-            Count::Number(number) => Ok(*number),
-            Count::Named(name) => named.get(name).copied().ok_or_else(|| {
-                format!(
-                    "the bound {name:?} of a loop in {} has no value",
-                    function.name
-                )
-            }),
+        let unknown = |bound: &Bound| {
+            let (count, name) = (&bound.count, &function.name);
+            format!("the bound {count:?} of a loop in {name} has no value")
         };
-        let bound = looped
-            .bound
-            .as_ref()
-            .map(|bound| number(&bound.count).map(|number| (number, bound.origin.clone())));
-        let total = looped
-            .total
-            .as_ref()
-            .map(|total| number(&total.count).map(|number| (number, total.origin.clone())));
+        let known = |bound: &Bound, number: Option<u64>| -> Result<_, String> {
+            Ok((number.ok_or_else(|| unknown(bound))?, bound.origin.clone()))
+        };
+        let bound = looped.bound.as_ref();
+        let bound = bound.map(|it| known(it, looped.most(named, &BTreeSet::new())));
+        let total = looped.total.as_ref().map(|total| &total.bound);
+        let total = total.map(|it| known(it, it.count.value(named)));
         let mut instructions = looped.blocks.iter().flat_map(|block| {
             let block = &function.blocks[*block];
             block.instructions.iter()
@@ -323,10 +317,13 @@ impl FollowedLoop {
             bound: bound.transpose()?,
             total: total.transpose()?,
             budget: usize::MAX,
-            name: looped.total.as_ref().and_then(|total| match &total.count {
-                Count::Named(name) => Some(name.clone()),
-                Count::Number(_) => None,
-            }),
+            name: looped
+                .total
+                .as_ref()
+                .and_then(|total| match &total.bound.count {
+                    Count::Named(name) => Some(name.clone()),
+                    Count::Number(_) => None,
+                }),
             retries: instructions
                 .any(|one| matches!(one.operation, Operation::StoreExclusive { .. })),
         })

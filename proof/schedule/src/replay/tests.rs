@@ -23,6 +23,14 @@ const LOAD: Operation = Operation::Load {
     writeback: None,
 };
 
+fn stated(count: Count, place: &str) -> Bound {
+    Bound {
+        count,
+        origin: place.into(),
+        reason: None,
+    }
+}
+
 fn block(address: u32, operations: &[Operation], successors: &[usize]) -> Block {
     let instructions = operations
         .iter()
@@ -86,14 +94,12 @@ fn looping() -> Function {
         head: 1,
         blocks: [1].into(),
         back: [1].into(),
-        bound: Some(Bound {
-            count: Count::Named("turns".into()),
-            origin: "a.rs:7".into(),
-        }),
+        bound: Some(stated(Count::Named("turns".into()), "a.rs:7")),
         counted: None,
+        stated: None,
         total: Some(Total {
-            count: Count::Number(3),
-            origin: "a.rs:8".into(),
+            bound: stated(Count::Number(3), "a.rs:8"),
+            per: None,
             in_runs: BTreeSet::from([1]),
         }),
         lines: BTreeSet::new(),
@@ -234,8 +240,8 @@ fn a_loop_that_exceeds_its_total_is_reported() {
 fn loops_that_name_a_total_share_it() {
     let mut plan = checker(9).plan;
     let total = Total {
-        count: Count::Named("turns".into()),
-        origin: "a.rs:8".into(),
+        bound: stated(Count::Named("turns".into()), "a.rs:8"),
+        per: None,
         in_runs: BTreeSet::new(),
     };
     let names = plan.functions.values_mut().flat_map(|one| &mut one.loops);

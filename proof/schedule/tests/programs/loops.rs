@@ -1,6 +1,6 @@
 //! Loops, and what must not be reached.
 
-use schedule::{Count, Program, Rule};
+use schedule::{Bound, Count, Program, Rule};
 
 use super::{assert_flaw, bounds, flaws, reached, read};
 
@@ -24,6 +24,19 @@ flawed! {
     "fn task() {
         // wcet-bound: 3
         for step in 0..1000 { output(black_box(step)); }
+    }";
+    a_comment_that_is_too_small_for_a_loop_with_two_constant_ends_is_wrong: WrongBound,
+    "fn task() {
+        // wcet-bound: 2: it is not
+        for back in 1..=256 { output(black_box(back)); }
+    }";
+    a_comment_that_is_too_small_for_runs_that_come_first_is_wrong: WrongBound,
+    "fn task() {
+        // wcet-bound: 2: it is not
+        for step in 0..1000 {
+            if step > 500 && input() == 7 { break; }
+            output(black_box(step));
+        }
     }";
     an_index_that_is_not_checked_is_a_panic: ReachablePanic,
     "fn task() {
@@ -164,7 +177,7 @@ fn names_and_totals_are_kept() {
     let one = functions.iter().find_map(|function| function.loops.first());
     let one = one.expect("there is a loop");
     let bound = one.bound.as_ref().map(|bound| &bound.count);
-    let total = one.total.as_ref().map(|total| &total.count);
+    let total = one.total.as_ref().map(|total| &total.bound.count);
     assert_eq!(bound, Some(&Count::Named("axes".to_owned())));
     assert_eq!(total, Some(&Count::Named("segment_steps".to_owned())));
     assert!(
@@ -172,6 +185,27 @@ fn names_and_totals_are_kept() {
             .iter()
             .all(|(_, place)| place.starts_with("src/main.rs:"))
     );
+}
+
+#[test]
+fn a_loop_that_is_counted_exactly_needs_no_name() {
+    let (image, annotations) = or_skip!(read(
+        "fn task() {
+            // wcet-bound: axes
+            for step in 0..100 { output(black_box(step)); }
+        }",
+    ));
+    let program = Program::new(&image, &annotations);
+    let functions = reached(&program);
+    let one = functions.iter().find_map(|function| function.loops.first());
+    let one = one.expect("there is a loop");
+    let is_named = |bound: &Option<Bound>| {
+        let bound = bound.as_ref().expect("it has a bound");
+        matches!(bound.count, Count::Named(_))
+    };
+    assert!(!is_named(&one.bound) && is_named(&one.stated), "{one:?}");
+    let runs = one.counted.expect("it is counted");
+    assert_eq!((runs.least, runs.is_open), (runs.returns, false));
 }
 
 #[test]

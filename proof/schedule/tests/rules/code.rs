@@ -85,6 +85,21 @@ in_receive! {
         "// wcet-bound: 1
             while BYTES[1].load(Relaxed) & 1 == 0 {}",
         "";
+    a_total_is_that_of_one_entry_of_its_loop: BelievedBound, "may enter it, or others that share the total, 2 times",
+        "// wcet-bound: 1: it is so
+            for _ in 0..core::hint::black_box(1) {
+                // wcet-total: 9: it is entered once
+                for step in 0..core::hint::black_box(9_u32) {
+                    device::write_pins(step);
+                }
+            }",
+        "";
+    a_total_is_reached_through_the_function_that_it_is_for: BelievedBound, "come to the loop without one",
+        "// wcet-total: 9 per inlined: it has no more
+            for step in 0..core::hint::black_box(9_u32) {
+                device::write_pins(step);
+            }",
+        "";
     a_handler_that_ends_the_locks_of_others_is_refused: CriticalSection, "a lock of a preempted task would end",
         "// SAFETY: it is not.
             unsafe { cortex_m::register::basepri::write(0) };",
@@ -328,7 +343,34 @@ fn system_registers_of_the_processor_are_not_written() {
 }
 
 /// Ways for a task to exceed its bound.
-const HIDDEN_DELAYS: [Wrong; 11] = [
+const HIDDEN_DELAYS: [Wrong; 14] = [
+    (
+        "names_too_few",
+        "// wcet-bound: axes: it is not
+            for step in 0..100_u32 {
+                device::write_pins(core::hint::black_box(step));
+            }",
+        Rule::WrongBound,
+        "says that it runs 3 times at most",
+    ),
+    (
+        "names_nothing",
+        "// wcet-bound: axles: there are as many
+            for step in 0..core::hint::black_box(3_u32) {
+                device::write_pins(step);
+            }",
+        Rule::Configuration,
+        "the bound `axles`",
+    ),
+    (
+        "gives_no_reason",
+        "// wcet-bound: 9
+            for step in 0..core::hint::black_box(9_u32) {
+                device::write_pins(step);
+            }",
+        Rule::BelievedBound,
+        "does not say why its bound holds",
+    ),
     (
         "never_ends",
         "if device::has_byte() {
@@ -462,14 +504,47 @@ fn a_task_with_a_deadline_hides_no_delay() {
     );
 }
 
+/// Builds the fixture with so many calls of a function that shares a total with what it calls.
+fn with_calls(name: &str, calls: &str) -> Option<Project> {
+    let items = "#[inline(never)]
+    fn both(byte: u32) {
+        some(byte);
+        some(30 - byte);
+    }
+    #[inline(never)]
+    fn some(count: u32) {
+        // wcet-total: 30 per both: both have 30 together
+        for step in 0..core::hint::black_box(count) {
+            device::write_pins(step);
+        }
+    }";
+    Some(
+        Project::new(name)?
+            .with("receive", calls)
+            .with("items", items),
+    )
+}
+
+#[test]
+fn a_total_is_that_of_one_call() {
+    let once = or_skip!(with_calls("one-call", "both(byte & 7);"));
+    assert_eq!(once.flaws(), []);
+    let twice = with_calls("two-calls", "both(byte & 7); both(byte & 3);");
+    let twice = twice.expect("the target is installed");
+    let first = twice.line("fn some");
+    let flaws = twice.flaws();
+    let flaw = assert_caught(&flaws, Rule::BelievedBound, first..=first + 5);
+    assert!(flaw.what.contains("may make several"), "{}", flaw.what);
+}
+
 #[test]
 fn a_loop_that_gets_on_by_itself_may_have_a_bound() {
     let code = "BYTES[1].fetch_add(1, Relaxed);
-            // wcet-bound: 5
+            // wcet-bound: 5: it is shifted out
             while BYTES[1].load(Relaxed) != 0 {
                 BYTES[1].store(BYTES[1].load(Relaxed) >> 1, Relaxed);
             }
-            // wcet-bound: 5
+            // wcet-bound: 5: it comes round
             while BYTES[2].load(Relaxed) & 1 == 0 {
                 next();
             }";

@@ -257,7 +257,7 @@ fn runs_of_another_regime_never_interfere() {
 
 #[test]
 fn a_loop_that_counts_and_reads_may_have_a_bound() {
-    let code = "// wcet-bound: 20
+    let code = "// wcet-bound: 20: there are no more
             for _ in 0..core::hint::black_box(20) {
                 if device::has_byte() {
                     break;

@@ -68,7 +68,6 @@ impl Squaring {
 
     /// Begins a cycle with the axes that have two motors.
     pub(super) fn begin(&mut self, ganged_axes: u8) {
-        // wcet-bound: 3
         for (axis, gantry) in self.gantries.iter_mut().enumerate() {
             gantry.is_ganged = ganged_axes >> axis & 1 != 0;
         }
@@ -76,7 +75,6 @@ impl Squaring {
 
     /// Begins an approach of both motors.
     pub(super) fn begin_approach(&mut self) {
-        // wcet-bound: 3
         for gantry in &mut self.gantries {
             gantry.switches = [None; 2];
         }
@@ -90,7 +88,6 @@ impl Squaring {
     /// Returns the axes that have two motors and something else, bit 0 = X.
     fn axes_with(&self, holds: impl Fn(&Gantry) -> bool) -> u8 {
         let mut axes = 0;
-        // wcet-bound: 3
         for (axis, gantry) in self.gantries.iter().enumerate() {
             axes |= u8::from(gantry.is_ganged && holds(gantry)) << axis;
         }
@@ -104,10 +101,8 @@ impl Squaring {
         };
         let (first, second) = (axes & open(0), axes & open(1));
         let mut numbers = 0..GANGED_AXES;
-        // wcet-bound: 3
         let found = numbers.find(|axis| first >> axis & 1 != 0 && inputs.is_switch_active(*axis));
         let mut numbers = 0..GANGED_AXES;
-        // wcet-bound: 3
         let other =
             numbers.find(|axis| second >> axis & 1 != 0 && inputs.is_switch_active(AXES + *axis));
         found.or(other.map(|axis| AXES + axis))
@@ -157,7 +152,6 @@ impl Squaring {
     ) -> StandingMotors {
         let mut leading = StandingMotors::NONE;
         let places = switches.iter().zip(standstill);
-        // wcet-bound: 3
         for (axis, (gantry, (switch, steps))) in self.gantries.iter_mut().zip(places).enumerate() {
             gantry.standstill = *steps;
             let bit = 1 << axis & axes;
@@ -183,7 +177,6 @@ impl Squaring {
 
     /// Sets the position of these axes back to that of their leading motors.
     fn restore(&self, axes: u8, steps: &mut Axes<i32>) {
-        // wcet-bound: 3
         for (axis, (gantry, steps)) in self.gantries.iter().zip(steps.iter_mut()).enumerate() {
             if axes >> axis & 1 != 0 {
                 *steps = gantry.standstill;

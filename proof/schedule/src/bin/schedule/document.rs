@@ -137,7 +137,7 @@ fn block(report: &Report, compiler: &str) -> String {
     for (name, value) in text::figures(report) {
         let _ = writeln!(block, "| {name} | {value} |");
     }
-    block + &figures(report)
+    block + &figures(report) + &believed(report)
 }
 
 /// The numbers that the proof counts on, with what is known of them.
@@ -156,6 +156,18 @@ fn figures(report: &Report) -> String {
             figures.claim,
             text::known(figures)
         );
+    }
+    table
+}
+
+/// The bounds of loops that nothing counts.
+fn believed(report: &Report) -> String {
+    let mut table = String::from(
+        "\nThe comments that bound loops which nothing counts, and are believed:\n\n\
+         | comment | most runs | why |\n|---|---|---|\n",
+    );
+    for it in &report.believed {
+        let _ = writeln!(table, "| {} | `{}` | {} |", it.place, it.count, it.reason);
     }
     table
 }

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fmt::Write as _};
 
 use common::text::separated;
 use owo_colors::OwoColorize;
-use schedule::{Flaw, KnownFigures, Place, Report, Requirement, Rule, Task};
+use schedule::{Flaw, KnownFigures, LoopCounts, Place, Report, Requirement, Rule, Task};
 
 /// Says what a proof without measurements is.
 pub(super) const NOT_CALIBRATED: &str = "model-proven, not silicon-calibrated";
@@ -283,7 +283,7 @@ fn undeadlined(report: &Report) -> Option<(&'static str, String)> {
     ))
 }
 
-/// The loops of tasks without a deadline that nothing counts, by what ends them.
+/// The loops of tasks without a deadline that nothing counts, by what ends them; and the bounds that are believed.
 pub(super) fn uncounted_loops(report: &Report) -> Vec<String> {
     let entries = report.undeadlined.iter().flat_map(|it| &it.uncounted);
     let lines = entries.flat_map(|loops| {
@@ -291,6 +291,28 @@ pub(super) fn uncounted_loops(report: &Report) -> Vec<String> {
         let places = loops.places.iter().map(|place| format!("  {place}"));
         [heading].into_iter().chain(places)
     });
+    lines.chain(believed(report)).collect()
+}
+
+/// How far the bounds of the loops of each row are known.
+fn loop_bounds(report: &Report) -> String {
+    let rows = report
+        .tasks
+        .iter()
+        .filter(|task| task.loops != LoopCounts::default());
+    let rows = rows.map(|task| {
+        let it = task.loops;
+        let [counted, stated, believed] = [it.counted, it.counted_and_stated, it.believed];
+        format!("{} {counted} + {stated} + {believed}", task.name)
+    });
+    let rows = rows.collect::<Vec<_>>().join(", ");
+    format!("counted + counted and stated + believed: {rows}")
+}
+
+/// The bounds that are believed.
+pub(super) fn believed(report: &Report) -> Vec<String> {
+    let believed = report.believed.iter();
+    let lines = believed.map(|it| format!("{}: {}: {}", it.place, it.count, it.reason));
     lines.collect()
 }
 
@@ -331,6 +353,7 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
         ),
         ("cache lines", lines.collect::<Vec<_>>().join(", ")),
         ("releases", releases(report)),
+        ("loop bounds", loop_bounds(report)),
         (
             "stack",
             format!(

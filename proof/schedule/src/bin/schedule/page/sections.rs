@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use schedule::{Report, Task};
 
 use super::{grouped, heading, svg::escaped, timeline::colour};
-use crate::text::{blocking, known, micros, places, readable, shown, shown_us, wcet};
+use crate::text::{self, blocking, known, micros, places, readable, shown, shown_us, wcet};
 
 /// Assumptions that are independent of `schedule.toml`.
 const ASSUMPTIONS: [&str; 6] = [
@@ -178,10 +178,23 @@ pub(super) fn assumptions(report: &Report) -> String {
     }
     text += "</ul>\n";
     text += &figures(report);
+    text += &believed(report);
     text += "<p>Not proven: how fast G-code is read and planned (that has no deadline: when it is late, \
              the machine slows down on its path and waits); what happens after a fault; anything about \
              mechanics or electronics beyond the pins.</p>\n";
     text
+}
+
+/// The bounds of loops that nothing counts.
+fn believed(report: &Report) -> String {
+    let lines = text::believed(report);
+    let lines = lines
+        .iter()
+        .map(|line| format!("<li>{}</li>\n", escaped(line)));
+    format!(
+        "<p>Loops that nothing counts run no more often than these comments say:</p>\n<ul>\n{}</ul>\n",
+        lines.collect::<String>()
+    )
 }
 
 /// The numbers that the proof counts on.
