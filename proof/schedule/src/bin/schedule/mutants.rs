@@ -1,13 +1,16 @@
 //! Mutants: the firmware with a fault put into it, which the proof has to find.
 //!
-//! Each of ten kinds of fault is put at the beginning of functions that are drawn by a seed. A
+//! Each of twelve kinds of fault is put at the beginning of functions that are drawn by a seed. A
 //! mutant is built and analysed as the firmware is; a copy that cannot be built, or has the code of
 //! the firmware, does not count. Results are kept, so that an interrupted run continues with the
 //! next mutant.
 //!
 //! Kinds that break a rule each are tried together first: a mutant with all of them must break all
 //! these rules. A fault whose rule is not broken there is tried alone.
+//!
+//! Before all that, every comment that bounds a loop is made too small.
 
+mod comments;
 mod fault;
 mod site;
 
@@ -27,6 +30,8 @@ use site::{Draw, Site};
 const TEXT: &str = "docs/scheduling.md";
 const BEGIN: &str = "<!-- begin: cargo xtask schedule --mutants --write -->\n";
 const END: &str = "<!-- end of mutants -->\n";
+const BEGIN_COMMENTS: &str = "<!-- begin: cargo xtask schedule --mutants=0 --write -->\n";
+const END_COMMENTS: &str = "<!-- end of comments -->\n";
 
 /// The outcome of a mutant.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -49,9 +54,17 @@ struct Tally {
     survivors: Vec<String>,
 }
 
-/// Builds and analyses so many mutants; whether all were found.
+/// Makes comments too small, and builds and analyses so many mutants; whether all mutants were found.
 pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result<bool> {
     let mut builder = MutantBuilder::new(board)?;
+    let body = comments::set_to_one(&builder.copy)?;
+    println!("{body}");
+    if write {
+        project_copy::show(TEXT, BEGIN_COMMENTS, END_COMMENTS, &body)?;
+    }
+    if count == 0 {
+        return Ok(true);
+    }
     let sites = builder.sites()?;
     let mut draws: Vec<Draw<'_>> = FAULTS
         .iter()

@@ -63,7 +63,7 @@ const fn fault(
     }
 }
 
-pub(super) const FAULTS: [Fault; 10] = [
+pub(super) const FAULTS: [Fault; 12] = [
     fault(
         "panic",
         Where::Deadline,
@@ -113,7 +113,7 @@ pub(super) const FAULTS: [Fault; 10] = [
         Where::Deadline,
         None,
         &["let mut count = 0_u32;
-           // wcet-bound: 400000
+           // wcet-bound: 400000: it counts up
            while count < 400_000 {
                count += core::hint::black_box(1_u32);
            }"],
@@ -125,9 +125,41 @@ pub(super) const FAULTS: [Fault; 10] = [
         &[
             "static READY: core::sync::atomic::AtomicU32 = core::sync::atomic::AtomicU32::new(1);
            let ready = core::hint::black_box(&READY);
-           // wcet-bound: 1
+           // wcet-bound: 1: it is ready
            while ready.load(core::sync::atomic::Ordering::Relaxed) == 0 {}",
         ],
+    ),
+    fault(
+        "bound too small",
+        Where::Deadline,
+        Some(Rule::WrongBound),
+        &[
+            // A name, and a constant end in the middle.
+            "let mut count = 0_u32;
+           // wcet-bound: axes: there are no more
+           while count < 100 {
+               count += 1;
+               core::hint::black_box(count);
+           }",
+            "// wcet-bound: 2: there are no more
+           for back in 1..=256_u32 {
+               core::hint::black_box(back);
+           }",
+        ],
+    ),
+    fault(
+        "total of two calls",
+        Where::Deadline,
+        Some(Rule::BelievedBound),
+        &["#[inline(never)]
+           fn count_down(mut left: u32) {
+               // wcet-total: 100: there are no more in a run
+               while left != 0 {
+                   left = core::hint::black_box(left) / 2;
+               }
+           }
+           count_down(core::hint::black_box(7));
+           count_down(core::hint::black_box(9));"],
     ),
     fault(
         "floating point",
@@ -143,7 +175,7 @@ pub(super) const FAULTS: [Fault; 10] = [
         None,
         &["cortex_m::interrupt::free(|_| {
                let mut count = 0_u32;
-               // wcet-bound: 3000
+               // wcet-bound: 3000: it counts up
                while count < 3_000 {
                    count += core::hint::black_box(1_u32);
                }
@@ -157,7 +189,7 @@ pub(super) const FAULTS: [Fault; 10] = [
             "#[allow(unsafe_code)]
              unsafe { cortex_m::register::basepri::write(core::hint::black_box(0x20_u8)) };
              let mut count = 0_u32;
-             // wcet-bound: 3000
+             // wcet-bound: 3000: it counts up
              while count < 3_000 {
                  count += core::hint::black_box(1_u32);
              }
@@ -199,7 +231,7 @@ mod tests {
     fn no_two_kinds_break_the_same_rule() {
         let rules: Vec<_> = FAULTS.iter().filter_map(|fault| fault.rule).collect();
         let different: std::collections::BTreeSet<_> = rules.iter().collect();
-        assert_eq!(rules.len(), 7);
+        assert_eq!(rules.len(), 9);
         assert_eq!(different.len(), rules.len());
     }
 
