@@ -52,7 +52,7 @@ BUSES = ("sram", "ccm", "ahb", "apb1", "apb2", "private", "unknown", "uncosted")
 LINES, LINE, AHEAD = 64, 16, 12
 # Cycles for a transfer that is under way, for an instruction that begins again after a preemption, and for an exclusive
 # store that does so; lines that a preempted task fetches again without a cache, and that are in use with one.
-TRANSFER, RESTART, RETRY, REFETCHED, IN_USE = 15, 17, 20, 2, 2
+TRANSFER, RESTART, RETRY, REFETCHED, IN_USE = 26, 17, 20, 2, 2
 ROUNDING, MOST_JOBS, MOST_CYCLES = 1e-9, 10_000, 1e12
 
 

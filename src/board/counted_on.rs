@@ -9,11 +9,15 @@ use core::arch::global_asm;
 
 use leadscrew::{
     machine::{SAMPLE_TICKS, SAMPLES},
-    model::timing::{
-        EVENT_SPACING_TICKS, MAX_SEGMENT_TICKS, QUEUED_AHEAD_TICKS, REFERENCE_SAMPLE_US,
+    model::{
+        queues::{RECEIVED_RING, SENT_RING},
+        timing::{EVENT_SPACING_TICKS, MAX_SEGMENT_TICKS, QUEUED_AHEAD_TICKS, REFERENCE_SAMPLE_US},
     },
-    motion::{MAX_STEP_RATE_HZ, MEAN_SEGMENT_US, REQUEST_INTERVAL_TICKS, STEPS_PER_SEGMENT},
-    stepper::END_SLOTS,
+    motion::{
+        BLOCKS_PER_PART, MAX_STEP_RATE_HZ, MEAN_SEGMENT_US, REQUEST_INTERVAL_TICKS,
+        STEPS_PER_SEGMENT,
+    },
+    stepper::{END_SLOTS, SLOTS, WORD_BITS},
 };
 
 use super::{
@@ -36,6 +40,7 @@ macro_rules! symbols {
 
 symbols! {
     BAUD
+    BLOCKS_PER_PART
     END_SLOTS
     EVENT_SPACING_TICKS
     GUARD_BYTES
@@ -44,10 +49,23 @@ symbols! {
     MAX_STEP_RATE_HZ
     MEAN_SEGMENT_US
     QUEUED_AHEAD_TICKS
+    RECEIVED_RING
     REFERENCE_SAMPLE_US
     REQUEST_INTERVAL_TICKS
     SAMPLES
     SAMPLE_TICKS
+    SENT_RING
+    SLOTS
     STEPS_PER_SEGMENT
     WATCHDOG_RELOAD
+    WORD_BITS
+}
+
+#[cfg(arc_machine)]
+use leadscrew::stepper::{MAX_ARC_STEPS, MAX_ARC_STRETCHES};
+
+#[cfg(arc_machine)]
+symbols! {
+    MAX_ARC_STEPS
+    MAX_ARC_STRETCHES
 }

@@ -154,7 +154,7 @@ impl Transmitter {
         let before = self.0.len();
         let mut left = max_bytes;
         self.0.take_until(|bytes| {
-            // wcet-bound: 1024: the ring has no more bytes
+            // wcet-bound: SENT_RING: the ring has no more bytes
             while left != 0 && usart.sr().read().txe().bit_is_set() {
                 let Some(byte) = bytes.next() else {
                     return false;

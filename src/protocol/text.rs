@@ -239,8 +239,10 @@ impl Text {
         let mut is_significant = false;
         for (digit_value, index) in values.iter().zip((0..MAX_DIGITS).rev()) {
             let mut digit = b'0';
-            // wcet-bound: 9: a digit rises from 0 to 9
-            while remainder >= *digit_value && digit < b'9' {
+            for _ in 0..9 {
+                if remainder < *digit_value {
+                    break;
+                }
                 remainder -= digit_value;
                 digit += 1;
             }

@@ -67,7 +67,7 @@ impl Utf8RequestWatch {
             self.next = written;
             return seen;
         }
-        // wcet-bound: 1024: more new bytes than the ring holds are left out above
+        // wcet-bound: RECEIVED_RING: more new bytes than the ring holds are left out above
         while self.next != written {
             let number = self.next;
             let byte = received.byte(number);

@@ -30,6 +30,9 @@ use crate::{
 mod arc;
 mod halted;
 
+#[cfg(arc_machine)]
+pub use arc::{MAX_ARC_STEPS, MAX_ARC_STRETCHES};
+
 /// Bounds the events of a segment besides two for each step: a change of direction, the ends of
 /// pulses that have begun before, and its end when the last of the others comes long before.
 const OTHER_EVENTS: u32 = 2 + AXES as u32;

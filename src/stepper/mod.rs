@@ -27,9 +27,12 @@ mod step_times;
 
 pub use event::StepEvent;
 pub use generator::{END_SLOTS, Generator};
+#[cfg(arc_machine)]
+pub use generator::{MAX_ARC_STEPS, MAX_ARC_STRETCHES};
 pub use integer_arc::{IntegerArc, StepRule, UnitStep};
 pub use jitter::STEP_JITTER_TICKS;
 pub use phases::{COILS, PHASES, PhaseDrive, PhaseSteps, Phases, coils};
+pub use placement::{SLOTS, WORD_BITS};
 pub use position::steps_after;
 pub use ring::{EventReader, EventRing, EventTap, EventWriter, Upcoming};
 pub use segment::{AxisMotion, Segment, SegmentInfo};

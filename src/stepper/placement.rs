@@ -42,13 +42,13 @@ use crate::{
 pub(super) const SLOT_TICKS_SIGNED: i32 = SLOT_TICKS.cast_signed();
 /// Number of slots: for a segment of 1.5 ms, 985 slots, that delayed events make longer, and the
 /// pulses after it. [`SLOT_SHIFT`] relies on the power of two.
-const SLOTS: u32 = 2048;
+pub const SLOTS: u32 = 2048;
 /// Events that move away from the end of a segment, at most: bounds the cost of moving them. In a longer row
 /// the events come up to a spacing later, and so does the first event of the next segment: within
 /// [`STEP_JITTER_TICKS`](super::STEP_JITTER_TICKS).
 const MAX_MOVED_NEIGHBOURS: u32 = 8;
 /// Slots of a word of bits.
-const WORD_BITS: u32 = 32;
+pub const WORD_BITS: u32 = 32;
 const WORDS: u32 = SLOTS / WORD_BITS;
 /// Where the slot begins in a time with [`TIME_FRACTION_BITS`] binary places, with the ticks in the
 /// slot below it. Above are as many bits as number the slots.
@@ -356,7 +356,7 @@ impl Slots {
     /// no later in its slot than the step in its own. An event of `fixed_axes` ends the row.
     fn move_neighbours_earlier(&mut self, slot: u32, fixed_axes: u32, ticks: u32) {
         let mut before = slot.wrapping_sub(1);
-        // wcet-bound: 2048, wcet-total: neighbours per add_steps: an event moves for one step of the dominant axis
+        // wcet-bound: SLOTS, wcet-total: neighbours per add_steps: an event moves for one step of the dominant axis
         while let Some(event) = self.movable_event(before, fixed_axes) {
             *event = event.with_slot_ticks(event.ticks().min(ticks));
             before = before.wrapping_sub(1);
@@ -481,7 +481,7 @@ impl Slots {
         let mut push =
             |first: u32, (mut bits, events): (u32, &mut [StepEvent; WORD_BITS as usize])| {
                 let begin = first.wrapping_sub(base).wrapping_mul(SLOT_TICKS);
-                // wcet-bound: 32, wcet-total: segment_events per drain: each bit of a word is an event of the segment
+                // wcet-bound: WORD_BITS, wcet-total: segment_events per drain: each bit of a word is an event of the segment
                 while let Some(index) = first_set(bits) {
                     bits &= !bit(index);
                     let event = core::mem::take(&mut events[index as usize]);

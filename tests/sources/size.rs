@@ -6,7 +6,7 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_140),
     ("proof", 31_000),
-    ("src", 37_090),
+    ("src", 37_120),
     ("tests", 44_700),
     ("xtask", 23_650),
 ];

@@ -13,7 +13,7 @@ use crate::{
     calibration::Measured,
     certificate, code_in_ram,
     crosscheck::Crosscheck,
-    figures, findings, guarded_stores,
+    exception_returns, figures, findings, guarded_stores,
     model::OUTSTANDING_TRANSFER,
     modes, pin_edge_jitter, races,
     registers::Registers,
@@ -198,6 +198,7 @@ fn check_code(system: &System<'_>, sections: &[Held], report: &mut Report) {
     flaws.extend(unanalysed_code::flaws(program, config));
     flaws.extend(modes::flaws(system));
     flaws.extend(code_in_ram::flaws(program, config));
+    flaws.extend(exception_returns::flaws(program, system.app, config));
     flaws.extend(guarded_stores::flaws(program, config));
     flaws.extend(races::flaws(program, system.app, config, sections));
     flaws.extend(startup::flaws(program, config));
@@ -298,7 +299,7 @@ impl<'a> Analysis<'a> {
             report.undeadlined_waits = self.waits(report)?;
             self.curve(report)?;
         }
-        let (required, flaws) = requirements::of(self.system.config, report);
+        let (required, flaws) = requirements::of(self.system.config, report, self.is_bounded);
         report.requirements = required;
         report.flaws.extend(flaws);
         Ok(())

@@ -104,6 +104,15 @@ pub(crate) fn flaws(system: &System<'_>, named: &BTreeMap<String, u64>) -> Vec<F
                 ));
             }
             let Count::Named(name) = &stated.count else {
+                if looped.is_believed(named) {
+                    flaws.push(Flaw::new(
+                        Rule::BelievedBound,
+                        format!("nothing counts a loop, and {origin} bounds it by a number of its own"),
+                        place(),
+                        "Let a constant bound it; or name a constant of the program (src/board/counted_on.rs), or one \
+                         of [bounds] in `schedule.toml`.",
+                    ));
+                }
                 continue;
             };
             let Some(value) = named.get(name) else {

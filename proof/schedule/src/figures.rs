@@ -1,9 +1,9 @@
 //! The numbers of `schedule.toml` that no analysis gives, and who keeps each of them.
 //!
 //! Every number there has one `[[figure]]`, which states the claim and its evidence. A number
-//! without one is a flaw, as is a `[[figure]]` of a number or a file that does not exist. Where the code itself
-//! keeps a claim, a time written here would be a copy that the code may leave behind: only the constants of the
-//! program count, as symbols of its file.
+//! without one is a flaw, as is a `[[figure]]` of a number or a file that does not exist. A time written here would be
+//! a copy that the code may leave behind: only the constants of the program count, as symbols of its file, unless
+//! nothing in the code keeps the claim.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -49,12 +49,10 @@ pub(crate) fn of(text: &str, config: &Config, root: &Path) -> (Vec<KnownFigures>
     }
     for figure in &config.figure {
         let mut formulas = numbers.iter().filter(|(name, _)| figure.covers(name));
-        if figure.known == Evidence::Constructed
+        if !matches!(figure.known, Evidence::Believed | Evidence::Promised)
             && let Some((name, formula)) = formulas.find(|(_, formula)| copies_time(formula))
         {
-            let what = format!(
-                "`{name}` is kept by the code, but `schedule.toml` copies a time: `{formula}`"
-            );
+            let what = format!("`{name}` in `schedule.toml` copies a time: `{formula}`");
             let remedy = "Name the constant of the program (src/board/counted_on.rs).";
             flaws.push(misconfigured(what, remedy));
         }
@@ -97,13 +95,14 @@ fn collect(name: &str, value: &Value, numbers: &mut BTreeMap<String, String>) {
     }
 }
 
-/// Whether a formula has a time other than one of a unit: `3.5ms`, but not `1ms`.
+/// Whether a formula has a time other than one of a unit, `3.5ms`, or is a time and nothing else, `1ms`.
 fn copies_time(formula: &str) -> bool {
-    let mut words = formula.split(|it: char| !it.is_alphanumeric() && it != '.' && it != '_');
-    words.any(|word| {
-        let (number, unit) = word.split_at(word.find(char::is_alphabetic).unwrap_or(word.len()));
-        !number.is_empty() && !unit.is_empty() && number != "1"
-    })
+    let words = formula.split(|it: char| !it.is_alphanumeric() && it != '.' && it != '_');
+    let (times, others): (Vec<&str>, Vec<&str>) = words
+        .filter(|word| word.ends_with(char::is_alphabetic) || word.contains('_'))
+        .partition(|word| word.starts_with(|first: char| first.is_ascii_digit()));
+    let is_unit = |time: &&str| time.trim_end_matches(char::is_alphabetic) == "1";
+    !times.is_empty() && (others.is_empty() || !times.iter().all(is_unit))
 }
 
 /// A value as it stands in the file.
@@ -179,7 +178,9 @@ mod tests {
     }
 
     fn entry(names: &str, by: &str) -> String {
-        format!("[[figure]]\nnames = {names}\nclaim = \"c\"\nknown = \"random\"\nby = [\"{by}\"]\n")
+        format!(
+            "[[figure]]\nnames = {names}\nclaim = \"c\"\nknown = \"believed\"\nby = [\"{by}\"]\n"
+        )
     }
 
     #[test]
@@ -218,16 +219,18 @@ mod tests {
             ("1s / (SAMPLES * 1us)", false),
             ("3.5ms - 16 * spacing", true),
             ("128ticks", true),
+            ("1ms", true),
+            ("78 + 12 * (axes - 3)", false),
             ("max(1s / rate, 250us)", true),
         ] {
             assert_eq!(copies_time(formula), copies, "{formula}");
         }
         let entries = entry("[\"task.a\", \"limits\"]", "Cargo.toml");
-        let entries = entries.replace("random", "constructed");
+        let entries = entries.replace("believed", "random");
         let (_, flaws) = figures(&entries);
         assert_eq!(
             flaws,
-            ["`task.a.period` is kept by the code, but `schedule.toml` copies a time: `2us`"]
+            ["`task.a.period` in `schedule.toml` copies a time: `2us`"]
         );
     }
 }

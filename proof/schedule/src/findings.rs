@@ -80,16 +80,7 @@ pub(crate) fn of_sections(
                 }
                 _ => None,
             };
-            flaws.extend(wrong.map(|wrong| {
-                Flaw::new(
-                    Rule::CriticalSection,
-                    format!("a section with interrupts held back {wrong}"),
-                    system.image.place(section.address),
-                    "Do less in it; or share through atomics, or lock an RTIC resource.",
-                )
-            }));
-            flaws.extend(entered_from_above(system, section));
-            flaws.extend(of_code_of_section(system, section));
+            flaws.extend(of_section(system, section, wrong));
         }
         sections.push(Section {
             place,
@@ -106,6 +97,32 @@ pub(crate) fn of_sections(
             .then(one.place.cmp(&other.place))
     });
     (sections, flaws)
+}
+
+/// The flaws of a section. One cause, one message: a single flaw of its code says why it has no bound, and of many
+/// flaws the section is the cause.
+fn of_section(system: &System<'_>, section: &Held, wrong: Option<String>) -> Vec<Flaw> {
+    let mut flaws = Vec::from_iter(entered_from_above(system, section));
+    let inner = of_code_of_section(system, section);
+    let (wrong, inner) = match &*inner {
+        [] => (wrong, inner),
+        [_] => (wrong.filter(|_| section.cycles.is_some()), inner),
+        [first, ..] => {
+            let wrong = wrong.map_or(String::new(), |wrong| format!("{wrong}, and "));
+            let what = format!("{wrong}has {} flaws, as: {}", inner.len(), first.what);
+            (Some(what), Vec::new())
+        }
+    };
+    flaws.extend(wrong.map(|wrong| {
+        Flaw::new(
+            Rule::CriticalSection,
+            format!("a section with interrupts held back {wrong}"),
+            system.image.place(section.address),
+            "Do less in it; or share through atomics, or lock an RTIC resource.",
+        )
+    }));
+    flaws.extend(inner);
+    flaws
 }
 
 /// Reports writes of `BASEPRI` in what runs above priority 1 that neither raise it nor restore a value that was read

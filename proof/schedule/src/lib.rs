@@ -28,6 +28,7 @@ mod confirm;
 mod counted_loops;
 mod crosscheck;
 pub mod decode;
+mod exception_returns;
 mod figures;
 mod findings;
 mod flaw;

@@ -19,8 +19,9 @@ const PREFETCH_BYTES: u32 = 12;
 /// Wait of a peripheral bus, core cycles for each division of its clock: the access is synchronised,
 /// and takes two of its cycles.
 const WAITS_PER_DIVISION: u64 = 3;
-/// Longest transfer that an interrupt waits for: one to a peripheral on the slow bus.
-pub(crate) const OUTSTANDING_TRANSFER: u64 = 15;
+/// Longest transfers that an interrupt waits for: that of a store in the write buffer, to a peripheral on the slow bus,
+/// and that of a load after the store.
+pub(crate) const OUTSTANDING_TRANSFER: u64 = 26;
 /// What a processor that sleeps in `idle` takes to wake, core cycles: data sheet of the STM32F405 (DS8626),
 /// wakeup timings of the low-power modes. It has no transfer under way then, so nothing is added for it.
 const WAKE_FROM_SLEEP: u64 = 5;

@@ -6,6 +6,8 @@ mod plan;
 mod profile;
 mod reference;
 
+pub use plan::BLOCKS_PER_PART;
+
 pub(super) use self::{
     average::MovingAverage,
     plan::{BlockPlan, Plan},

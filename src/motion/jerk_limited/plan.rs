@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Blocks of one part of a pass.
-const BLOCKS_PER_PART: usize = 2;
+pub const BLOCKS_PER_PART: usize = 2;
 /// Share of the speed that the block's acceleration reaches within a window, below which a corner is
 /// passed at a standstill: to keep a lower speed for a window on both sides takes longer.
 const MIN_CORNER_SHARE: f32 = 0.25;
@@ -241,7 +241,7 @@ impl Plan {
     ) {
         *pass = Pass::Done;
         let end = queue.len().min(from + BLOCKS_PER_PART);
-        // wcet-bound: 2: `end` is no more than `BLOCKS_PER_PART` behind `from`
+        // wcet-bound: BLOCKS_PER_PART: `end` is no farther from `from`
         for back in from..end {
             let number = queue.len() - back;
             let Some(limits) = queue.limits(number) else {

@@ -9,13 +9,16 @@ use crate::{
 
 /// Bounds the steps of a segment. On the longest one at [`ARC_STEPS_PER_S`] the path has the length of 2.25 steps, and
 /// the steps of each axis are the length of one apart.
-const MAX_STEPS: usize = 6;
+pub const MAX_ARC_STEPS: usize = 6;
 const _: () = assert!(
-    ARC_STEPS_PER_S / 2 * (MAX_SEGMENT_TICKS / TICKS_PER_US) < (MAX_STEPS as u32 / 2) * 1_000_000
+    ARC_STEPS_PER_S / 2 * (MAX_SEGMENT_TICKS / TICKS_PER_US)
+        < (MAX_ARC_STEPS as u32 / 2) * 1_000_000
 );
 /// Bounds the changes of direction behind the first step in a segment: each axis makes three steps at most.
 /// `an_arc_makes_few_steps_and_reverses_seldom_within_a_segment` tests it.
 const MAX_REVERSALS: u32 = 4;
+/// Bounds the parts of these steps without a reversal.
+pub const MAX_ARC_STRETCHES: u32 = MAX_REVERSALS + 1;
 
 /// The arc in whole steps, if there is one.
 #[derive(Debug)]
@@ -28,7 +31,7 @@ pub(super) struct ArcInSegments {
     axes: u8,
     /// Steps of the segment that have no events yet.
     count: usize,
-    steps: [ArcStep; MAX_STEPS],
+    steps: [ArcStep; MAX_ARC_STEPS],
 }
 
 impl ArcInSegments {
@@ -37,7 +40,7 @@ impl ArcInSegments {
         next: None,
         axes: 0,
         count: 0,
-        steps: [ArcStep::NONE; MAX_STEPS],
+        steps: [ArcStep::NONE; MAX_ARC_STEPS],
     };
 
     /// Whether the segment has steps of the arc.
@@ -129,7 +132,7 @@ impl Generator {
     pub(super) fn add_arc_steps(&mut self) {
         let mut free = self.first_slot.cast_signed();
         let mut number = 0;
-        // wcet-bound: 5: before each of four reversals, and behind the last
+        // wcet-bound: MAX_ARC_STRETCHES: before each of four reversals, and behind the last
         while let Some(step) = self.arc.step(number) {
             free = self.change_direction(step, free);
             (number, free) = self.add_arc_steps_up_to_reversal(number, free);
@@ -162,7 +165,7 @@ impl Generator {
     fn add_arc_steps_up_to_reversal(&mut self, mut number: usize, mut free: i32) -> (usize, i32) {
         let base = self.base_slot;
         let pulse = pulse_slots(self.pulse_ticks);
-        // wcet-bound: 6, wcet-total: 6 per add_arc_steps: the segment has no more steps of the arc
+        // wcet-bound: MAX_ARC_STEPS, wcet-total: MAX_ARC_STEPS per add_arc_steps: the segment has no more steps of the arc
         while let Some(step) = self.arc.step(number) {
             let bit = 1_u32 << step.axis;
             let is_reversed = (u32::from(self.directions) & bit != 0) != step.is_negative;

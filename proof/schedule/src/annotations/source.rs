@@ -132,10 +132,10 @@ fn count(value: &str) -> Result<Count, String> {
     if let Ok(number) = value.parse() {
         return Ok(Count::Number(number));
     }
-    let is_name = value.starts_with(|letter: char| letter.is_ascii_lowercase())
+    let is_name = value.starts_with(|letter: char| letter.is_ascii_alphabetic())
         && value
             .chars()
-            .all(|letter| letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_');
+            .all(|letter| letter.is_ascii_alphanumeric() || letter == '_');
     if is_name {
         Ok(Count::Named(value.to_owned()))
     } else {

@@ -62,7 +62,7 @@ type Falsified = (&'static str, fn(&mut Value), &'static str);
 const FALSIFIED: [Falsified; 18] = [
     (
         "a bound one less",
-        |it| one_less(&mut looped(it)["loops"][0]["most"]),
+        |it| looped(it)["loops"][0]["most"] = json!(63),
         "dual value",
     ),
     (

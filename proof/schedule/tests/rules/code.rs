@@ -86,16 +86,16 @@ in_receive! {
             while BYTES[1].load(Relaxed) & 1 == 0 {}",
         "";
     a_total_is_that_of_one_entry_of_its_loop: BelievedBound, "may enter it, or others that share the total, 2 times",
-        "// wcet-bound: 1: it is so
+        "// wcet-bound: one: it is so
             for _ in 0..core::hint::black_box(1) {
-                // wcet-total: 9: it is entered once
+                // wcet-total: nine: it is entered once
                 for step in 0..core::hint::black_box(9_u32) {
                     device::write_pins(step);
                 }
             }",
         "";
     a_total_is_reached_through_the_function_that_it_is_for: BelievedBound, "come to the loop without one",
-        "// wcet-total: 9 per inlined: it has no more
+        "// wcet-total: nine per inlined: it has no more
             for step in 0..core::hint::black_box(9_u32) {
                 device::write_pins(step);
             }",
@@ -513,7 +513,7 @@ fn with_calls(name: &str, calls: &str) -> Option<Project> {
     }
     #[inline(never)]
     fn some(count: u32) {
-        // wcet-total: 30 per both: both have 30 together
+        // wcet-total: thirty per both: both have 30 together
         for step in 0..core::hint::black_box(count) {
             device::write_pins(step);
         }
@@ -540,11 +540,11 @@ fn a_total_is_that_of_one_call() {
 #[test]
 fn a_loop_that_gets_on_by_itself_may_have_a_bound() {
     let code = "BYTES[1].fetch_add(1, Relaxed);
-            // wcet-bound: 5: it is shifted out
+            // wcet-bound: five: it is shifted out
             while BYTES[1].load(Relaxed) != 0 {
                 BYTES[1].store(BYTES[1].load(Relaxed) >> 1, Relaxed);
             }
-            // wcet-bound: 5: it comes round
+            // wcet-bound: five: it comes round
             while BYTES[2].load(Relaxed) & 1 == 0 {
                 next();
             }";

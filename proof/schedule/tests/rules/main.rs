@@ -69,6 +69,27 @@ fn a_critical_section_anywhere_in_the_image_is_measured() {
 }
 
 #[test]
+fn a_section_with_several_flaws_is_the_one_that_is_reported() {
+    let items = "fn called() { device::write_pins(1); }
+    #[inline(never)]
+    fn first() { let call: fn() = core::hint::black_box(called); call(); }
+    #[inline(never)]
+    fn second() { let call: fn() = core::hint::black_box(called); call(); device::write_pins(2); }";
+    let section = |name: &str, code: &str| {
+        let code = format!("cortex_m::interrupt::free(|_| {{ {code} }});");
+        let project = Project::new(name)?.with("idle", &code);
+        Some(project.with("items", items).flaws())
+    };
+    let flaws = or_skip!(section("two-calls", "first(); second();"));
+    let found: Vec<(Rule, &str)> = flaws.iter().map(|it| (it.rule, &*it.what)).collect();
+    let expected = "a section with interrupts held back has 2 flaws, as: this function calls";
+    assert!(found[0].1.starts_with(expected), "{found:?}");
+    assert!(found.iter().all(|(rule, _)| *rule != Rule::IndirectCall));
+    let flaws = or_skip!(section("one-call", "first();"));
+    assert_eq!(flaws[0].rule, Rule::IndirectCall, "{flaws:#?}");
+}
+
+#[test]
 fn an_encoding_that_is_not_known_is_refused() {
     let code = "device::odd();";
     let project = or_skip!(Project::new("unknown-instruction"));
@@ -257,7 +278,7 @@ fn runs_of_another_regime_never_interfere() {
 
 #[test]
 fn a_loop_that_counts_and_reads_may_have_a_bound() {
-    let code = "// wcet-bound: 20: there are no more
+    let code = "// wcet-bound: twenty: there are no more
             for _ in 0..core::hint::black_box(20) {
                 if device::has_byte() {
                     break;

@@ -30,7 +30,7 @@ fn named(function: &str, reason: &str) -> String {
 /// The same where nothing counts the loop.
 fn uncounted(name: &str, entry: &str) -> Option<Project> {
     let project = project(name, entry)?;
-    Some(project.replacing("// wcet-bound: 64: `count` is less", ""))
+    Some(project.replacing("// wcet-bound: words: `count` is less", ""))
 }
 
 fn report(project: &Project) -> Report {

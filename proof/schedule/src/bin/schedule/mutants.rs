@@ -8,10 +8,12 @@
 //! Kinds that break a rule each are tried together first: a mutant with all of them must break all
 //! these rules. A fault whose rule is not broken there is tried alone.
 //!
-//! Before all that, every comment that bounds a loop is made too small.
+//! Before all that, every comment that bounds a loop is made too small, and the faults of
+//! `proof/schedule/faults.toml` are put in.
 
 mod comments;
 mod fault;
+mod known;
 mod site;
 
 use std::{cmp::Reverse, collections::BTreeMap, env, fmt::Write as _, fs, path::PathBuf};
@@ -31,6 +33,9 @@ const TEXT: &str = "docs/scheduling.md";
 const BEGIN: &str = "<!-- begin: cargo xtask schedule --mutants --write -->\n";
 const END: &str = "<!-- end of mutants -->\n";
 const BEGIN_COMMENTS: &str = "<!-- begin: cargo xtask schedule --mutants=0 --write -->\n";
+const BEGIN_KNOWN: &str =
+    "<!-- begin: known faults, cargo xtask schedule --mutants=0 --write -->\n";
+const END_KNOWN: &str = "<!-- end of known faults -->\n";
 const END_COMMENTS: &str = "<!-- end of comments -->\n";
 
 /// The outcome of a mutant.
@@ -62,8 +67,13 @@ pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result
     if write {
         project_copy::show(TEXT, BEGIN_COMMENTS, END_COMMENTS, &body)?;
     }
+    let (known, are_refused) = known::try_all(&builder.copy)?;
+    println!("{known}");
+    if write {
+        project_copy::show(TEXT, BEGIN_KNOWN, END_KNOWN, &known)?;
+    }
     if count == 0 {
-        return Ok(true);
+        return Ok(are_refused);
     }
     let sites = builder.sites()?;
     let mut draws: Vec<Draw<'_>> = FAULTS
@@ -94,7 +104,7 @@ pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result
         let body = format!("{count} mutants, drawn with the seed {seed}:\n\n{table}");
         project_copy::show(TEXT, BEGIN, END, &body)?;
     }
-    Ok(tallies.iter().all(|tally| tally.survivors.is_empty()))
+    Ok(are_refused && tallies.iter().all(|tally| tally.survivors.is_empty()))
 }
 
 /// Returns the next mutant of a kind that counts: the place of the fault, and the outcome.

@@ -113,8 +113,8 @@ pub(super) const FAULTS: [Fault; 12] = [
         Where::Deadline,
         None,
         &["let mut count = 0_u32;
-           // wcet-bound: 400000: it counts up
-           while count < 400_000 {
+           // wcet-bound: BAUD: it counts up
+           while count < 115_200 {
                count += core::hint::black_box(1_u32);
            }"],
     ),
@@ -125,7 +125,7 @@ pub(super) const FAULTS: [Fault; 12] = [
         &[
             "static READY: core::sync::atomic::AtomicU32 = core::sync::atomic::AtomicU32::new(1);
            let ready = core::hint::black_box(&READY);
-           // wcet-bound: 1: it is ready
+           // wcet-bound: axes: it is ready
            while ready.load(core::sync::atomic::Ordering::Relaxed) == 0 {}",
         ],
     ),
@@ -153,7 +153,7 @@ pub(super) const FAULTS: [Fault; 12] = [
         Some(Rule::BelievedBound),
         &["#[inline(never)]
            fn count_down(mut left: u32) {
-               // wcet-total: 100: there are no more in a run
+               // wcet-total: SLOTS: there are no more in a run
                while left != 0 {
                    left = core::hint::black_box(left) / 2;
                }
@@ -175,8 +175,8 @@ pub(super) const FAULTS: [Fault; 12] = [
         None,
         &["cortex_m::interrupt::free(|_| {
                let mut count = 0_u32;
-               // wcet-bound: 3000: it counts up
-               while count < 3_000 {
+               // wcet-bound: SLOTS: it counts up
+               while count < 2_048 {
                    count += core::hint::black_box(1_u32);
                }
            });"],
@@ -189,8 +189,8 @@ pub(super) const FAULTS: [Fault; 12] = [
             "#[allow(unsafe_code)]
              unsafe { cortex_m::register::basepri::write(core::hint::black_box(0x20_u8)) };
              let mut count = 0_u32;
-             // wcet-bound: 3000: it counts up
-             while count < 3_000 {
+             // wcet-bound: SLOTS: it counts up
+             while count < 2_048 {
                  count += core::hint::black_box(1_u32);
              }
              #[allow(unsafe_code)]
