@@ -13,7 +13,7 @@ use super::pac;
 
 /// Counts of a quarter of the internal slow clock, whose frequency is 17 to 47 kHz, 32 kHz typically (data
 /// sheet, LSI): at least 100 ms, 147 ms typically, at most 276 ms.
-pub(super) const RELOAD: u16 = 1175;
+pub(crate) const RELOAD: u16 = 1175;
 
 /// Reads of the status before its registers count as stuck: more than 100 ms at any clock, and a change takes 48 ms at the
 /// slowest (six periods of the slow clock by 256).

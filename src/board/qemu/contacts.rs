@@ -8,6 +8,9 @@ pub(super) use qemu::{
     memory::contacts as read, memory::is_line_low, take_millisecond as take_period,
 };
 
+/// Time between two runs while the inputs do not change, µs: the stand-in counts milliseconds.
+pub(super) const IDLE_PERIOD_US: u16 = 1000;
+
 /// In place of the timer of `inputs`, which does not exist: the stand-in counts the time between samples.
 pub(super) struct SampleTimer;
 
