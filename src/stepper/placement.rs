@@ -41,7 +41,7 @@ use crate::{
 /// [`SLOT_TICKS`] as a difference of times.
 pub(super) const SLOT_TICKS_SIGNED: i32 = SLOT_TICKS.cast_signed();
 /// Number of slots: for a segment of 1.5 ms, 985 slots, that delayed events make longer, and the
-/// pulses after it. [`SLOT_SHIFT`] relies on the power of two.
+/// pulses after it. `SLOT_SHIFT` relies on the power of two.
 pub const SLOTS: u32 = 2048;
 /// Events that move away from the end of a segment, at most: bounds the cost of moving them. In a longer row
 /// the events come up to a spacing later, and so does the first event of the next segment: within

@@ -29,8 +29,6 @@ struct Assumed {
     tasks: BTreeMap<String, u8>,
     /// Vectors that belong to no task and whose time is exempt.
     exempt: Vec<String>,
-    /// Size of the guard below the stack, bytes.
-    guard_bytes: u64,
 }
 
 fn file(name: &str) -> String {
@@ -59,7 +57,7 @@ impl Assumed {
             tasks.insert(word("vector"), priority);
         }
         let given = file("schedule.toml");
-        let (mut exempt, mut guard_bytes, mut table) = (Vec::new(), 0, "");
+        let (mut exempt, mut table) = (Vec::new(), "");
         for line in given.lines() {
             let (key, value) = line.split_once(" = ").unwrap_or_default();
             match key {
@@ -72,15 +70,10 @@ impl Assumed {
                 "function" if table == "exempt" => {
                     exempt.extend(quoted(value).map(str::to_owned));
                 }
-                "stack_guard_bytes" => guard_bytes = value.parse().expect("it is a number"),
                 _ => {}
             }
         }
-        Self {
-            tasks,
-            exempt,
-            guard_bytes,
-        }
+        Self { tasks, exempt }
     }
 }
 
@@ -152,7 +145,9 @@ fn the_running_firmware_has_the_guard_and_saves_registers_as_the_proof_assumes()
     let Some(machine) = Machine::boot() else {
         return;
     };
-    let (memory, guard_bytes) = (&machine.memory, Assumed::read().guard_bytes);
+    let memory = &machine.memory;
+    let guard_bytes = memory.symbol("_constant_GUARD_BYTES");
+    let guard_bytes = guard_bytes.expect("src/board/counted_on.rs defines it");
     let statics_end = memory.symbol("__sheap").expect("the linker script has it");
     let guard = statics_end.next_multiple_of(guard_bytes);
     // Regions that are not selected are not to be seen in QEMU. That nobody else writes these registers is in the proof.
