@@ -14,7 +14,6 @@ mod chosen;
 mod clocks;
 #[cfg_attr(feature = "qemu", path = "qemu/contacts.rs")]
 mod contacts;
-mod counted_on;
 mod crystal;
 mod delay_timer;
 #[cfg(feature = "eeprom")]
@@ -34,6 +33,7 @@ mod outputs;
 mod pins;
 mod power_up;
 mod pre_init;
+mod proof_constants;
 mod proven;
 #[cfg_attr(feature = "qemu", path = "qemu/pwm.rs")]
 mod pwm;

@@ -147,7 +147,7 @@ fn the_running_firmware_has_the_guard_and_saves_registers_as_the_proof_assumes()
     };
     let memory = &machine.memory;
     let guard_bytes = memory.symbol("_constant_GUARD_BYTES");
-    let guard_bytes = guard_bytes.expect("src/board/counted_on.rs defines it");
+    let guard_bytes = guard_bytes.expect("src/board/proof_constants.rs defines it");
     let statics_end = memory.symbol("__sheap").expect("the linker script has it");
     let guard = statics_end.next_multiple_of(guard_bytes);
     // Regions that are not selected are not to be seen in QEMU. That nobody else writes these registers is in the proof.

@@ -109,7 +109,7 @@ pub(crate) fn flaws(system: &System<'_>, named: &BTreeMap<String, u64>) -> Vec<F
                         Rule::BelievedBound,
                         format!("nothing counts a loop, and {origin} bounds it by a number of its own"),
                         place(),
-                        "Let a constant bound it; or name a constant of the program (src/board/counted_on.rs), or one \
+                        "Let a constant bound it; or name a constant of the program (src/board/proof_constants.rs), or one \
                          of [bounds] in `schedule.toml`.",
                     ));
                 }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use crate::{Clock, Formula, Image, formula::Names};
 
 /// What the names of symbols begin with whose addresses are constants of the program.
-const CONSTANT: &str = "_constant_";
+const CONSTANT_PREFIX: &str = "_constant_";
 /// Bits between two bytes of a USART, from the middle of one stop bit, where the USART reports the byte and looks for the
 /// next start bit, to the middle of the next, which may be shorter by half a bit: RM0090 30.3.3.
 const RECEIVED_BYTE_BITS: f64 = 9.5;
@@ -47,10 +47,10 @@ pub struct Config {
     pub resident: Vec<Exempt>,
     /// Stores that only a test lets happen.
     #[serde(default)]
-    pub guarded: Vec<Guarded>,
+    pub guarded: Vec<GuardedStore>,
     /// Functions or files whose stores may be those of two tasks.
     #[serde(default)]
-    pub shared: Vec<Shared>,
+    pub shared: Vec<SharedStatic>,
     /// Calls through pointers.
     #[serde(default)]
     pub pointer: Vec<Pointer>,
@@ -428,7 +428,7 @@ pub struct ControlConfig {
 /// Stores to a register that only a test of another lets happen.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Guarded {
+pub struct GuardedStore {
     /// The register.
     pub register: u32,
     /// The register that is tested.
@@ -440,7 +440,7 @@ pub struct Guarded {
 /// Stores to the same part of a static by tasks of several priorities.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Shared {
+pub struct SharedStatic {
     /// Functions or files of all these stores, also inlined: parts of their paths.
     pub by: Vec<String>,
     /// Why no store is lost.
@@ -507,7 +507,7 @@ impl Config {
     /// Tells which formula is wrong.
     pub fn of_program(mut self, image: &Image, clock: &Clock) -> Result<Self, String> {
         let constants = image.symbols().filter_map(|(name, value)| {
-            let name = name.strip_prefix(CONSTANT)?;
+            let name = name.strip_prefix(CONSTANT_PREFIX)?;
             Some((name.to_owned(), value.into()))
         });
         self.program.constants = constants.collect();

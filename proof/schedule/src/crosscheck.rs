@@ -15,7 +15,7 @@ use crate::{
 };
 
 /// The first vector that is not the processor's own.
-const FIRST_INTERRUPT: usize = 16;
+pub(crate) const FIRST_INTERRUPT: usize = 16;
 /// Vectors of the processor after which the machine goes on: NMI, SVC, the debug monitor, `PendSV`,
 /// `SysTick`. Faults end everything.
 const SYSTEM: [(usize, &str); 5] = [

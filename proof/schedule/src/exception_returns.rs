@@ -3,24 +3,18 @@
 //!
 //! A return that loads the program counter from the stack waits for the stores before it, as does a barrier.
 
-use crate::{App, Block, Config, Flaw, Instruction, Operation, Program, Rule};
+use crate::{App, Block, Config, Flaw, Instruction, Operation, Program, Rule, releases::handlers};
 
 /// The link register.
-const LINK: u8 = 14;
+const LINK_REGISTER: u8 = 14;
 
 /// The returns that may overtake a store.
 pub(crate) fn flaws(program: &Program<'_>, app: &App, config: &Config) -> Vec<Flaw> {
     if !config.limits.returns_after_stores {
         return Vec::new();
     }
-    let default = program.image.symbol("DefaultHandler");
     let tasks = app.tasks.iter().filter(|task| task.priority > 0);
-    let vectors = tasks.flat_map(|task| {
-        let more = config.task.get(&task.name).map(|config| &config.vectors);
-        [&task.vector].into_iter().chain(more.into_iter().flatten())
-    });
-    let handlers = vectors.filter_map(|vector| program.image.symbol(vector));
-    let handlers = handlers.filter(|handler| Some(*handler) != default);
+    let handlers = tasks.flat_map(|task| handlers(program.image, config, task));
     let functions = handlers.filter_map(|handler| program.function(handler));
     let blocks = functions.flat_map(|function| &function.blocks);
     let flaws = blocks.filter(|block| overtakes(block)).map(|block| {
@@ -42,7 +36,7 @@ pub(crate) fn flaws(program: &Program<'_>, app: &App, config: &Config) -> Vec<Fl
 /// Whether a block returns by the link register, with neither a barrier nor a load after its last store. A block
 /// without a store counts as one that begins with a store.
 fn overtakes(block: &Block) -> bool {
-    let returns = |last: &Instruction| matches!(last.operation, Operation::JumpRegister(register) if register == LINK);
+    let returns = |last: &Instruction| matches!(last.operation, Operation::JumpRegister(register) if register == LINK_REGISTER);
     let mut later = block.instructions.iter().rev();
     later.next().is_some_and(returns)
         && !later

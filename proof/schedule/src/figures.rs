@@ -53,7 +53,7 @@ pub(crate) fn of(text: &str, config: &Config, root: &Path) -> (Vec<KnownFigures>
             && let Some((name, formula)) = formulas.find(|(_, formula)| copies_time(formula))
         {
             let what = format!("`{name}` in `schedule.toml` copies a time: `{formula}`");
-            let remedy = "Name the constant of the program (src/board/counted_on.rs).";
+            let remedy = "Name the constant of the program (src/board/proof_constants.rs).";
             flaws.push(misconfigured(what, remedy));
         }
         for name in &figure.names {

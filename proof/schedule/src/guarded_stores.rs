@@ -5,7 +5,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::{Config, Flaw, Function, Program, Rule, config::Guarded};
+use crate::{Config, Flaw, Function, Program, Rule, config::GuardedStore};
 
 /// The stores that no test guards.
 pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
@@ -17,7 +17,7 @@ pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     flaws.collect()
 }
 
-fn unguarded(program: &Program<'_>, function: &Function, guarded: &Guarded) -> Option<Flaw> {
+fn unguarded(program: &Program<'_>, function: &Function, guarded: &GuardedStore) -> Option<Flaw> {
     let stores = function.stores.iter();
     let stores: BTreeSet<u32> = stores
         .filter(|store| store.to == Some(guarded.register))

@@ -8,15 +8,15 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     App, Config, Flaw, Function, Operation, Program, Rule, Store,
-    config::Shared,
+    config::SharedStatic,
     registers::is_inlined,
     sections::{Held, UNKNOWN_CEILING},
 };
 
 /// Where statics are.
-const STATICS: std::ops::Range<u32> = 0x2000_0000..0x2010_0000;
+const STATIC_ADDRESSES: std::ops::Range<u32> = 0x2000_0000..0x2010_0000;
 /// More urgent than any task.
-const ALL: u8 = u8::MAX;
+const ALL_PRIORITIES: u8 = u8::MAX;
 
 /// A store that a task executes.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -53,7 +53,7 @@ pub(crate) fn flaws(
             }
             let stores = function.stores.iter();
             for (store, to) in stores.filter_map(|store| Some((store, store.to?))) {
-                if STATICS.contains(&to) && !is_exclusive(function, store) {
+                if STATIC_ADDRESSES.contains(&to) && !is_exclusive(function, store) {
                     let write = Write {
                         priority: task.priority,
                         kept_out: kept_out.max(ceiling(sections, function, store.at)),
@@ -97,7 +97,7 @@ fn reach<'a>(
         for (block, called) in { function.blocks.iter() }.filter_map(|it| Some((it, it.call?))) {
             let at = block.instructions.last().map_or(0, |last| last.address);
             let inner = kept_out.max(ceiling(sections, function, at));
-            let known = least.get(&called).copied().unwrap_or(ALL);
+            let known = least.get(&called).copied().unwrap_or(ALL_PRIORITIES);
             let is_lower = inner < known || !least.contains_key(&called);
             if is_lower && !program.is_panic(called) {
                 least.insert(called, inner);
@@ -125,7 +125,7 @@ fn ceiling(sections: &[Held], function: &Function, at: u32) -> u8 {
     let around = sections.iter().filter(holds);
     // A section whose level is not known keeps nobody out for certain.
     let known = around.filter(|section| section.ceiling != Some(UNKNOWN_CEILING));
-    let ceilings = known.map(|section| section.ceiling.unwrap_or(ALL));
+    let ceilings = known.map(|section| section.ceiling.unwrap_or(ALL_PRIORITIES));
     ceilings.max().unwrap_or(0)
 }
 
@@ -145,7 +145,7 @@ fn race(writes: &BTreeSet<Write>) -> Option<(&Write, &Write)> {
 }
 
 /// Whether all writes are of the functions or files that `schedule.toml` names.
-fn names(program: &Program<'_>, shared: &Shared, writes: &BTreeSet<Write>) -> bool {
+fn names(program: &Program<'_>, shared: &SharedStatic, writes: &BTreeSet<Write>) -> bool {
     writes
         .iter()
         .all(|write| is_inlined(&shared.by, &program.image.frames(write.at)))

@@ -11,6 +11,7 @@ use std::collections::BTreeSet;
 use crate::{
     Clock, Config, Flaw, Frame, Function, Image, Operation, Region, Rule, Store,
     graph::{CONTROL, MAIN_STACK, PROCESS_STACK},
+    releases::SET_PENDING,
     system::misconfigured,
     wcet::Functions,
 };
@@ -38,8 +39,6 @@ const INTERRUPT_REGISTERS: [(u32, u32); 3] = [
     (0xe000_e400, 0xe000_e4f0),
     (0xe000_ed18, 0xe000_ed24),
 ];
-/// Registers that pend vectors: anybody may, as `releases` says of each task what it pends.
-const PENDING: (u32, u32) = (0xe000_e200, 0xe000_e240);
 /// The first function, before there is a stack to speak of.
 const RESET: &str = "Reset";
 /// Aliases of the bits of peripherals: where they begin and end, and the aliased memory.
@@ -73,8 +72,9 @@ impl Registers<'_> {
     fn unlimited(&self) -> impl Iterator<Item = Flaw> {
         let entries = self.config.register.iter();
         let entries = entries.filter(|it| {
+            // Anybody may pend vectors: `releases` says of each task which.
             let is_anybody = it.by.iter().any(String::is_empty);
-            is_anybody && !(PENDING.0 <= it.from && it.to <= PENDING.1)
+            is_anybody && !(SET_PENDING.start <= it.from && it.to <= SET_PENDING.end)
                 || Region::of(it.from) != Region::of(it.to.saturating_sub(1))
                 || Region::of(it.from) == Region::Unknown
         });

@@ -10,18 +10,17 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::{
     App, AppTask, Config, Flaw, Function, Image, Place, Program, Rule, Store,
     config::{ControlConfig, FlagConfig},
+    crosscheck::FIRST_INTERRUPT,
     registers::word_of_alias,
     system::misconfigured,
 };
 
 /// The registers that pend vectors, a bit each, and the one to which the number is written: ARMv7-M B3.4.
-const SET_PENDING: std::ops::Range<u32> = 0xe000_e200..0xe000_e240;
-const TRIGGER: u32 = 0xe000_ef00;
+pub(crate) const SET_PENDING: std::ops::Range<u32> = 0xe000_e200..0xe000_e240;
+const SOFTWARE_TRIGGER: u32 = 0xe000_ef00;
 /// The register that pends exceptions of the processor, and the bits that pend `PendSV` and `SysTick`: ARMv7-M B3.2.4.
-const EXCEPTIONS: u32 = 0xe000_ed04;
+const INTERRUPT_CONTROL: u32 = 0xe000_ed04;
 const PENDED_EXCEPTIONS: [(u32, usize); 2] = [(1 << 28, 14), (1 << 26, 15)];
-/// The slot of the first interrupt in the vector table.
-const FIRST_INTERRUPT: usize = 16;
 /// Peripherals are so many bytes apart.
 const PERIPHERAL_BYTES: u32 = 0x400;
 
@@ -67,15 +66,8 @@ impl Releases<'_> {
         (graph, flaws)
     }
 
-    /// The handlers of a task, also those of other vectors that call the task's.
     fn handlers(&self, task: &AppTask) -> BTreeSet<u32> {
-        let more = self.config.task.get(&task.name);
-        let more = more.map_or(&[][..], |config| config.vectors.as_slice());
-        let default = self.image().symbol("DefaultHandler");
-        let all = [&task.vector].into_iter().chain(more);
-        all.filter_map(|vector| self.image().symbol(vector))
-            .filter(|handler| Some(*handler) != default)
-            .collect()
+        handlers(self.image(), self.config, task)
     }
 
     /// Whether `schedule.toml` says that a task may release another.
@@ -244,6 +236,17 @@ fn is_to(store: &Store, register: u32) -> bool {
         .is_some_and(|to| word_of_alias(to) & !3 == register)
 }
 
+/// The handlers of a task, also those of other vectors that call the task's.
+pub(crate) fn handlers(image: &Image, config: &Config, task: &AppTask) -> BTreeSet<u32> {
+    let more = config.task.get(&task.name);
+    let more = more.map_or(&[][..], |config| config.vectors.as_slice());
+    let default = image.symbol("DefaultHandler");
+    let all = [&task.vector].into_iter().chain(more);
+    all.filter_map(|vector| image.symbol(vector))
+        .filter(|handler| Some(*handler) != default)
+        .collect()
+}
+
 /// The slots of the vector table that a store pends: all that it may, where its value is not known.
 fn slots(store: &Store) -> BTreeSet<usize> {
     let Some(to) = store.to else {
@@ -255,14 +258,14 @@ fn slots(store: &Store) -> BTreeSet<usize> {
         let set = (0..32).filter(|bit| bits >> bit & 1 != 0);
         return set.map(|bit| first + bit).collect();
     }
-    if to == TRIGGER {
+    if to == SOFTWARE_TRIGGER {
         return match store.value {
             Some(number) => BTreeSet::from([FIRST_INTERRUPT + number as usize]),
             None => (FIRST_INTERRUPT..FIRST_INTERRUPT + 240).collect(),
         };
     }
     let exceptions = PENDED_EXCEPTIONS.into_iter();
-    let pended = exceptions.filter(|(bit, _)| to == EXCEPTIONS && bits & bit != 0);
+    let pended = exceptions.filter(|(bit, _)| to == INTERRUPT_CONTROL && bits & bit != 0);
     pended.map(|(_, slot)| slot).collect()
 }
 

@@ -35,7 +35,7 @@ pub(crate) fn flaws(
         let names: BTreeSet<&str> = loops.iter().filter_map(|it| it.1.per.as_deref()).collect();
         let functions = system.program.functions().values();
         let owners = functions.filter(|it| names.iter().any(|name| is_named(&it.name, name)));
-        let mut entries = Entries {
+        let mut entries = EntryCounts {
             wcets,
             owners: owners.map(|function| function.address).collect(),
             budget,
@@ -67,7 +67,7 @@ pub(crate) fn flaws(
 }
 
 /// The most calls and entries on a path that need a budget.
-struct Entries<'a> {
+struct EntryCounts<'a> {
     wcets: &'a Wcets<'a>,
     budget: Budget,
     /// The functions of which a call needs it.
@@ -75,7 +75,7 @@ struct Entries<'a> {
     known: BTreeMap<u32, u64>,
 }
 
-impl Entries<'_> {
+impl EntryCounts<'_> {
     fn of(&mut self, address: u32) -> u64 {
         if self.owners.contains(&address) {
             return 1;

@@ -8,7 +8,7 @@ use schedule::{Report, SourceFile};
 use crate::project_copy::ProjectCopy;
 
 /// Words of a comment before a number or a name.
-const KEYS: [&str; 2] = ["wcet-bound: ", "wcet-total: "];
+const COMMENT_KEYS: [&str; 2] = ["wcet-bound: ", "wcet-total: "];
 
 /// Analyses the program of a copy with each number and name in such comments set to 1, and says what is refused. The
 /// code stays the same.
@@ -32,7 +32,7 @@ pub(super) fn set_to_one(copy: &ProjectCopy<'_>) -> Result<String> {
 /// A text with 1 for each number and name in its comments.
 fn with_one(text: &str) -> String {
     let mut changed = text.to_owned();
-    for key in KEYS {
+    for key in COMMENT_KEYS {
         let mut parts = changed.split(key);
         let mut new = parts.next().unwrap_or_default().to_owned();
         for part in parts {

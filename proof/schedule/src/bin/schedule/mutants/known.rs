@@ -16,13 +16,13 @@ const UNBUILT: &str = "does not build";
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Table {
-    fault: Vec<Known>,
+    fault: Vec<KnownFault>,
 }
 
 /// A fault.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Known {
+struct KnownFault {
     class: String,
     name: String,
     file: String,
@@ -41,10 +41,10 @@ struct Known {
 pub(super) fn try_all(copy: &ProjectCopy<'_>) -> Result<(String, bool)> {
     let text = fs::read_to_string(cargo::root().join(TABLE))?;
     let table: Table = toml::from_str(&text).with_context(|| TABLE.to_owned())?;
-    let mut images: Vec<Vec<&Known>> = Vec::new();
+    let mut images: Vec<Vec<&KnownFault>> = Vec::new();
     for fault in &table.fault {
         let same =
-            |image: &&mut Vec<&Known>| fault.image.is_some() && image[0].image == fault.image;
+            |image: &&mut Vec<&KnownFault>| fault.image.is_some() && image[0].image == fault.image;
         match images.iter_mut().find(same) {
             Some(image) => image.push(fault),
             None => images.push(vec![fault]),
@@ -74,7 +74,7 @@ pub(super) fn try_all(copy: &ProjectCopy<'_>) -> Result<(String, bool)> {
 }
 
 /// What the build and the proof say of a copy with some faults.
-fn said_of(copy: &ProjectCopy<'_>, faults: &[&Known]) -> Result<Vec<String>> {
+fn said_of(copy: &ProjectCopy<'_>, faults: &[&KnownFault]) -> Result<Vec<String>> {
     let mut texts: BTreeMap<PathBuf, String> = BTreeMap::new();
     for fault in faults {
         let more = fault.more.iter().map(|[file, old, new]| [file, old, new]);
