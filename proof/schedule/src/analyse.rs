@@ -313,8 +313,7 @@ impl<'a> Analysis<'a> {
         let program = self.system.program;
         report.believed = believed::comments(program.functions().values(), &self.named);
         for (row, task) in self.system.rows.iter().zip(&mut report.tasks) {
-            let reached = self.system.wcets(row, &self.named).reach(row.root);
-            let functions = reached.iter().filter_map(|at| program.function(*at));
+            let functions = self.system.wcets(row, &self.named).reached(row.root);
             task.loops = believed::count(functions, &self.named);
         }
     }

@@ -179,8 +179,8 @@ pub(crate) fn own_blocks(one: &Loop, all: &[Loop]) -> BTreeSet<usize> {
 /// interrupts pays for that. It loads exclusively each time, for the store would fail for ever, and takes no
 /// longer than is paid.
 fn is_retry(function: &Function, one: &Loop) -> bool {
-    let blocks = || one.blocks.iter().map(|block| &function.blocks[*block]);
-    let cycles: Option<u64> = { blocks().flat_map(|block| &block.instructions) }
+    let mut blocks = one.blocks_of(function);
+    let cycles: Option<u64> = { blocks.clone().flat_map(|block| &block.instructions) }
         .map(|instruction| match instruction.operation {
             Operation::LoadExclusive { .. } | Operation::StoreExclusive { .. } => Some(2),
             Operation::Load { words, .. } | Operation::Store { words, .. } => {
@@ -198,7 +198,7 @@ fn is_retry(function: &Function, one: &Loop) -> bool {
         })
         .sum();
     let is_short = cycles.is_some_and(|cycles| cycles <= RETRY);
-    is_short && blocks().all(|block| block.call.is_none()) && stores_again(function, one)
+    is_short && blocks.all(|block| block.call.is_none()) && stores_again(function, one)
 }
 
 /// Whether each back edge of a loop belongs to a failed exclusive store after an exclusive load.

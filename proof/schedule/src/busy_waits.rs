@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 
 use crate::{
     Block, Bound, Count, Flaw, Function, Image, Instruction, Loop, Operation, Region, Rule,
-    loops::is_on_every_path, wcet::Functions,
+    loops::is_on_every_path, walks::reachable, wcet::Functions,
 };
 
 /// Returns a flaw for each busy-waiting loop of a function that has a stated bound and a wanted
@@ -63,8 +63,8 @@ fn own_instructions<'a>(
     function: &'a Function,
     one: &'a Loop,
 ) -> impl Iterator<Item = &'a Instruction> {
-    let blocks = one.blocks.iter().map(|block| &function.blocks[*block]);
-    blocks.flat_map(|block| &block.instructions)
+    one.blocks_of(function)
+        .flat_map(|block| &block.instructions)
 }
 
 /// Whether an instruction reads a register of a peripheral or of the processor.
@@ -82,20 +82,19 @@ fn is_peripheral(function: &Function, instruction: &Instruction) -> bool {
 /// memory.
 pub(crate) fn is_busy_wait(functions: &Functions, function: &Function, one: &Loop) -> bool {
     let called = called(functions, function, one);
-    let mut instructions = called.iter().flat_map(|function| {
-        let blocks = function.blocks.iter().flat_map(|it| &it.instructions);
-        blocks.map(move |it| (function, it))
-    });
-    let is_read = instructions.any(|(function, it)| is_peripheral(function, it));
-    is_read
+    let reads = |function: &&Function| {
+        function
+            .instructions()
+            .any(|it| is_peripheral(function, it))
+    };
+    called.iter().any(reads)
         || depends_on_external_state(function, one)
         || polled_memory::polls_memory(function, one, &called)
 }
 
 /// Whether a loop by itself, without its callees, reads a peripheral or memory that others write.
 pub(crate) fn depends_on_external_state(function: &Function, one: &Loop) -> bool {
-    let mut blocks = one.blocks.iter().map(|block| &function.blocks[*block]);
-    let has_calls = blocks.any(|block| block.call.is_some());
+    let has_calls = one.blocks_of(function).any(|block| block.call.is_some());
     own_instructions(function, one).any(|it| is_peripheral(function, it))
         || !has_calls && polled_memory::polls_memory(function, one, &[])
 }
@@ -109,24 +108,15 @@ pub(crate) fn polls(function: &Function, one: &Loop) -> bool {
 
 /// The functions that are called in a loop, directly or not.
 fn called<'a>(functions: &'a Functions, function: &Function, one: &Loop) -> Vec<&'a Function> {
-    let mut reached = BTreeSet::new();
-    let mut found = Vec::new();
-    let own = one.blocks.iter().map(|block| &function.blocks[*block]);
-    let mut work: Vec<u32> = own.filter_map(returning_call).collect();
-    while let Some(address) = work.pop() {
-        if let Some(function) = functions.get(&address)
-            && reached.insert(address)
-        {
-            found.push(function);
-            work.extend(function.blocks.iter().filter_map(returning_call));
-        }
-    }
-    found
-}
-
-/// The callee of a block, if the call returns.
-fn returning_call(block: &Block) -> Option<u32> {
-    block.call.filter(|_| !block.traps)
+    let calls = one.blocks_of(function).filter_map(Block::returning_call);
+    let called = |at: u32| {
+        functions
+            .get(&at)
+            .into_iter()
+            .flat_map(Function::returning_calls)
+    };
+    let reached = reachable(calls, called);
+    reached.iter().filter_map(|at| functions.get(at)).collect()
 }
 
 /// Whether an end of a loop depends on a counter: a register that changes by a constant in each run
@@ -135,9 +125,7 @@ fn has_counted_end(function: &Function, one: &Loop) -> bool {
     let counters = counters(function, one);
     one.blocks.iter().any(|index| {
         let block = &function.blocks[*index];
-        let mut edges = block.successors.iter();
-        let leaves = edges.any(|edge| !one.blocks.contains(&edge.to));
-        leaves
+        block.next().any(|to| !one.blocks.contains(&to))
             && is_on_every_path(function, one, &BTreeSet::from([*index]))
             && tests_counter(block, &counters)
     })

@@ -51,11 +51,10 @@ pub(crate) fn of(
         demands.extend(demand.map(|demand| (row, demand)));
     }
     let views = Views::of(system, &demands, named, &windows)?;
-    let functions = views.reached.iter().filter_map(|address| {
-        let function = system.program.function(*address)?;
-        Some((hexadecimal(*address), graph(function)))
-    });
-    let functions: Map<String, Value> = functions.collect();
+    let functions = system.program.functions_at(&views.reached);
+    let functions: Map<String, Value> = functions
+        .map(|function| (hexadecimal(function.address), graph(function)))
+        .collect();
     let limited = system.limited.iter();
     let limited: Map<String, Value> = limited
         .map(|(address, name)| (hexadecimal(*address), json!(name)))

@@ -22,7 +22,7 @@ fn outside_ram(program: &Program<'_>, resident: &Exempt) -> Option<Flaw> {
         .functions()
         .values()
         .filter(|function| !is_in_ram(function.address))
-        .flat_map(|function| function.blocks.iter().flat_map(|block| &block.instructions));
+        .flat_map(Function::instructions);
     let found = instructions.find(|it| program.image.frames(it.address).iter().any(is_of))?;
     Some(Flaw::new(
         Rule::CodeInRam,
@@ -47,7 +47,7 @@ fn of_function(program: &Program<'_>, function: &Function) -> Vec<Flaw> {
         )
     };
     let blocks = function.blocks.iter();
-    let calls = blocks.filter_map(|block| Some((block.instructions.last()?.address, block.call?)));
+    let calls = blocks.filter_map(|block| Some((block.last(), block.call?)));
     let calls = calls.filter(|(_, called)| leads_to_flash(program, *called));
     let calls = calls.map(|(address, called)| {
         let what = format!("code in RAM calls `{}` in flash", image.name(called));

@@ -21,9 +21,7 @@ pub(crate) fn flaws(program: &Program<'_>, app: &App, config: &Config) -> Vec<Fl
         Flaw::new(
             Rule::ForbiddenInstruction,
             "a handler may return before its last store has ended: erratum 838869 of the processor",
-            program
-                .image
-                .place(block.instructions.last().map_or(0, |it| it.address)),
+            program.image.place(block.last()),
             "End the handler with a barrier, `cortex_m::asm::dsb()`.",
         )
     });

@@ -20,10 +20,10 @@ pub(crate) fn of_row(system: &System<'_>, row: &Row, named: &BTreeMap<String, u6
     let all = system.program.functions();
     let mut flaws = library_flaws::flaws(system.program, &reached);
     flaws.extend(exempt_calls(system, &reached));
-    let blocks = reached.iter().filter_map(|at| all.get(at));
-    flaws.extend(never_back(system, blocks.flat_map(|it| &it.blocks)));
+    let functions = system.program.functions_at(&reached);
+    flaws.extend(never_back(system, functions.flat_map(|it| &it.blocks)));
     flaws.extend(float_above(system, row, &reached));
-    for function in reached.iter().filter_map(|at| system.program.function(*at)) {
+    for function in system.program.functions_at(&reached) {
         flaws.extend(busy_waits::flaws(system.image, all, function, |_| true));
     }
     flaws.extend(totals::flaws(system, row, &wcets, &reached));
@@ -132,7 +132,7 @@ pub(crate) fn lowered_masks(system: &System<'_>) -> Vec<Flaw> {
     let reached: BTreeSet<u32> = above
         .flat_map(|row| system.program.reach(row.root))
         .collect();
-    let functions = reached.iter().filter_map(|at| system.program.function(*at));
+    let functions = system.program.functions_at(&reached);
     let lowers = |function: &Function, instruction: &Instruction| {
         let is_write = matches!(
             instruction.operation,
@@ -144,7 +144,7 @@ pub(crate) fn lowered_masks(system: &System<'_>) -> Vec<Flaw> {
         is_write && !function.saved.contains_key(&instruction.address)
     };
     let written = functions.flat_map(|function| {
-        let all = function.blocks.iter().flat_map(|it| &it.instructions);
+        let all = function.instructions();
         all.filter(|instruction| lowers(function, instruction))
     });
     let flaw = |instruction: &Instruction| {
@@ -228,7 +228,7 @@ fn entered_from_above(system: &System<'_>, section: &Held) -> Option<Flaw> {
 
 /// Calls of what is exempt, by the code that a row may run: their time would not count.
 fn exempt_calls(system: &System<'_>, reached: &BTreeSet<u32>) -> Vec<Flaw> {
-    let functions = reached.iter().filter_map(|at| system.program.function(*at));
+    let functions = system.program.functions_at(reached);
     let blocks = functions.flat_map(|function| &function.blocks);
     // A call that never returns ends the task, and the machine.
     let calls = blocks.filter(|block| !block.traps).filter_map(|block| {
@@ -272,9 +272,8 @@ fn float_above(system: &System<'_>, row: &Row, reached: &BTreeSet<u32>) -> Optio
     if row.task.priority <= most {
         return None;
     }
-    let functions = reached.iter().filter_map(|at| system.program.function(*at));
-    let mut instructions =
-        functions.flat_map(|it| it.blocks.iter().flat_map(|it| &it.instructions));
+    let functions = system.program.functions_at(reached);
+    let mut instructions = functions.flat_map(Function::instructions);
     let first = instructions.find(|it| it.operation.is_float())?;
     Some(Flaw::new(
         Rule::FloatingPoint,
@@ -294,7 +293,7 @@ pub(crate) fn of_stacks(system: &System<'_>, report: &mut Report) -> Vec<Flaw> {
     let mut depths = Depths::new(system.program.functions(), &is_panic, &pointers);
     let mut flaws = Vec::new();
     let main = system.image.symbol("Reset").unwrap_or(0);
-    let mut floats = uses_float(system, main);
+    let mut floats = system.program.reached(main).any(stack::uses_float);
     let mut levels = BTreeMap::from([(0, ("initialisation, idle".to_owned(), 0))]);
     let mut depth = |root: u32, name: &str| {
         depths.depth(root).unwrap_or_else(|address| {
@@ -387,14 +386,6 @@ pub(crate) fn pointers(system: &System<'_>) -> BTreeMap<u32, BTreeSet<u32>> {
         pointers.extend(callers.map(|caller| (caller.address, called.clone())));
     }
     pointers
-}
-
-fn uses_float(system: &System<'_>, root: u32) -> bool {
-    let reached = system.program.reach(root);
-    let mut functions = reached
-        .iter()
-        .filter_map(|address| system.program.function(*address));
-    functions.any(stack::uses_float)
 }
 
 /// RAM between the guard above the statics and the top.

@@ -64,14 +64,10 @@ pub(crate) fn build(image: &Image, address: u32, graph: Graph, panics: &BTreeSet
         address,
         name: image.name(address),
         blocks,
-        regions: BTreeMap::new(),
-        addresses: BTreeMap::new(),
-        specials: BTreeMap::new(),
-        saved: BTreeMap::new(),
-        stores: Vec::new(),
         loops: loops.natural,
         flaws,
         returns,
+        ..Function::default()
     }
 }
 

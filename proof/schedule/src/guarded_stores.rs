@@ -47,27 +47,17 @@ fn unguarded(program: &Program<'_>, function: &Function, guarded: &GuardedStore)
 /// Whether a way through a function leads to one of some instructions, or to its end, and executes none of others
 /// before.
 fn reaches(function: &Function, targets: Option<&BTreeSet<u32>>, avoided: &BTreeSet<u32>) -> bool {
-    let mut seen = BTreeSet::from([0]);
-    let mut work = vec![0];
-    while let Some(index) = work.pop() {
-        let Some(block) = function.blocks.get(index) else {
-            continue;
-        };
-        let is_target = |at: u32| targets.is_some_and(|targets| targets.contains(&at));
+    let is_target = |at: u32| targets.is_some_and(|targets| targets.contains(&at));
+    let judge = |block: usize| {
+        let block = &function.blocks[block];
         let mut own = block.instructions.iter();
         let decisive = own.find(|it| {
             is_target(it.address) || avoided.contains(&it.address) && !it.is_conditional()
         });
-        match decisive {
-            Some(found) if is_target(found.address) => return true,
-            Some(_) => continue,
-            None if block.ends && targets.is_none() => return true,
-            None => {}
-        }
-        let successors = block.successors.iter().map(|edge| edge.to);
-        work.extend(successors.filter(|to| seen.insert(*to)));
-    }
-    false
+        let is_end = block.ends && targets.is_none();
+        decisive.map_or(is_end.then_some(true), |it| Some(is_target(it.address)))
+    };
+    function.leads(0, judge)
 }
 
 #[cfg(test)]

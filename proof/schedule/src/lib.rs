@@ -73,6 +73,7 @@ mod totals;
 mod unanalysed_code;
 mod value_analysis;
 mod values;
+mod walks;
 mod wcet;
 mod worst_path;
 

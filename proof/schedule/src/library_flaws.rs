@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{Flaw, Place, Program, Rule};
+use crate::{Flaw, Place, Program, Rule, walks::reachable};
 
 /// Where the project's own sources are.
 const OWN: &str = "src/";
@@ -75,7 +75,7 @@ impl Cause {
 pub(crate) fn flaws(program: &Program<'_>, functions: &BTreeSet<u32>) -> Vec<Flaw> {
     let mut found = Vec::new();
     let mut propagated: BTreeMap<u32, BTreeSet<Cause>> = BTreeMap::new();
-    for function in functions.iter().filter_map(|at| program.function(*at)) {
+    for function in program.functions_at(functions) {
         for flaw in &function.flaws {
             if is_own(program, flaw.place.address) {
                 found.push(trimmed(flaw));
@@ -97,9 +97,12 @@ pub(crate) fn flaws(program: &Program<'_>, functions: &BTreeSet<u32>) -> Vec<Fla
         }
     }
     // Flaws that no call of the project reaches keep their place.
-    let attributed = reachable(own.iter().map(|call| call.to), &foreign);
-    let unattributed = functions.iter().filter(|at| !attributed.contains(at));
-    for function in unattributed.filter_map(|at| program.function(*at)) {
+    let called = |at: u32| {
+        let calls = foreign.iter().filter(move |call| call.from == at);
+        calls.map(|call| call.to)
+    };
+    let attributed = reachable(own.iter().map(|call| call.to), called);
+    for function in program.functions_at(&(functions - &attributed)) {
         let flaws = function.flaws.iter();
         let foreign = flaws.filter(|flaw| !is_own(program, flaw.place.address));
         found.extend(foreign.cloned());
@@ -118,8 +121,7 @@ struct Call {
 }
 
 fn calls(program: &Program<'_>, functions: &BTreeSet<u32>) -> Vec<Call> {
-    let known = functions.iter().filter_map(|at| program.function(*at));
-    let calls = known.flat_map(|function| {
+    let calls = program.functions_at(functions).flat_map(|function| {
         function.blocks.iter().filter_map(|block| {
             let to = block.call.filter(|to| functions.contains(to))?;
             Some(Call {
@@ -153,19 +155,6 @@ fn propagate(
             return;
         }
     }
-}
-
-/// The functions that are reached from some functions by `calls`.
-fn reachable(from: impl Iterator<Item = u32>, calls: &[Call]) -> BTreeSet<u32> {
-    let mut reached = BTreeSet::new();
-    let mut work: Vec<u32> = from.collect();
-    while let Some(at) = work.pop() {
-        if reached.insert(at) {
-            let called = calls.iter().filter(|call| call.from == at);
-            work.extend(called.map(|call| call.to));
-        }
-    }
-    reached
 }
 
 fn is_own(program: &Program<'_>, address: u32) -> bool {

@@ -36,13 +36,7 @@ pub(crate) fn find(blocks: &[Block]) -> Loops {
         let found = by_head.entry(head).or_insert_with(|| Loop {
             head,
             blocks: BTreeSet::from([head]),
-            back: BTreeSet::new(),
-            bound: None,
-            counted: None,
-            stated: None,
-            total: None,
-            lines: BTreeSet::new(),
-            within: String::new(),
+            ..Loop::default()
         });
         found.back.insert(from);
         let mut work = vec![from];
@@ -154,20 +148,16 @@ pub(crate) fn is_on_every_path(
     looped: &Loop,
     through: &BTreeSet<usize>,
 ) -> bool {
-    let mut seen = BTreeSet::new();
-    let mut work = vec![looped.head];
-    while let Some(block) = work.pop() {
-        if through.contains(&block) || !seen.insert(block) {
-            continue;
+    let judge = |block: usize| {
+        let is_over = through.contains(&block) || !looped.blocks.contains(&block);
+        let returns = function.blocks[block].next().any(|to| to == looped.head);
+        if is_over {
+            Some(false)
+        } else {
+            returns.then_some(true)
         }
-        let next = function.blocks[block].successors.iter().map(|edge| edge.to);
-        let inside: Vec<usize> = next.filter(|to| looped.blocks.contains(to)).collect();
-        if inside.contains(&looped.head) {
-            return false;
-        }
-        work.extend(inside);
-    }
-    true
+    };
+    !function.leads(looped.head, judge)
 }
 
 #[cfg(test)]

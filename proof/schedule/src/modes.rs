@@ -117,13 +117,12 @@ impl CallPaths<'_> {
                 continue;
             };
             let mut after = before[index].clone();
-            if let Some(call) = block.call.filter(|_| !block.traps) {
+            if let Some(call) = block.returning_call() {
                 if self.never.contains(&call) {
                     continue;
                 }
                 let callee = self.of(call);
-                let at = block.instructions.last().map_or(0, |last| last.address);
-                after = self.both(&after, &callee, at);
+                after = self.both(&after, &callee, block.last());
             }
             if block.ends {
                 merge(&mut found, &after);

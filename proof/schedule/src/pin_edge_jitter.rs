@@ -54,18 +54,7 @@ fn place(function: &Function, stores: &BTreeSet<u32>, block: usize) -> Option<us
 }
 
 fn longest(wcets: &Wcets<'_>, function: &Function, stores: &BTreeSet<u32>) -> Option<u64> {
-    let mut wanted = BTreeSet::from([0]);
-    let mut work = vec![0];
-    while let Some(block) = work.pop() {
-        if place(function, stores, block).is_none() {
-            let successors = function.blocks[block].successors.iter();
-            work.extend(
-                successors
-                    .map(|edge| edge.to)
-                    .filter(|to| wanted.insert(*to)),
-            );
-        }
-    }
+    let wanted = function.reach([0], |block| place(function, stores, block).is_some());
     let mut open = Budgets::new();
     let is_wanted = |block: usize| wanted.contains(&block);
     let mut graph = wcets.graph(function, Cache::Warm, &mut open, is_wanted)?;

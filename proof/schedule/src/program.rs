@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     Annotations, Flaw, Image, Instruction, bounds, calls::Calls, functions, graph::Graphs,
+    walks::reachable,
 };
 
 /// A part of the address space with its own access time.
@@ -114,7 +115,7 @@ pub struct Total {
 }
 
 /// A loop of a function.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Loop {
     /// Index of the block where it is entered.
     pub head: usize,
@@ -137,7 +138,7 @@ pub struct Loop {
 }
 
 /// A function.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Function {
     /// Where it begins.
     pub address: u32,
@@ -252,17 +253,30 @@ impl<'a> Program<'a> {
     /// The functions that the one at `root` calls, directly or not, and itself. What a panic calls
     /// is left out: that a panic can be reached is a flaw of its own.
     pub fn reach(&self, root: u32) -> BTreeSet<u32> {
-        let mut reached = BTreeSet::new();
-        let mut work = vec![root];
-        while let Some(address) = work.pop() {
-            let Some(function) = self.functions.get(&address) else {
-                continue;
-            };
-            if (address != root && self.is_panic(address)) || !reached.insert(address) {
-                continue;
-            }
-            work.extend(function.blocks.iter().filter_map(|block| block.call));
-        }
-        reached
+        let called = |at: u32| {
+            let blocks = self.function(at).into_iter().flat_map(|it| &it.blocks);
+            let calls = blocks.filter_map(|block| block.call);
+            calls.filter(|call| !self.is_panic(*call) && self.functions.contains_key(call))
+        };
+        reachable(
+            Some(root).filter(|root| self.functions.contains_key(root)),
+            called,
+        )
+    }
+
+    /// The same functions themselves.
+    pub(crate) fn reached(&self, root: u32) -> impl Iterator<Item = &Function> {
+        let reached = self.reach(root).into_iter();
+        reached.filter_map(|address| self.function(address))
+    }
+
+    /// The functions that begin at some addresses.
+    pub(crate) fn functions_at(
+        &self,
+        addresses: &BTreeSet<u32>,
+    ) -> impl Iterator<Item = &Function> {
+        addresses
+            .iter()
+            .filter_map(|address| self.function(*address))
     }
 }

@@ -95,8 +95,7 @@ fn reach<'a>(
             continue;
         };
         for (block, called) in { function.blocks.iter() }.filter_map(|it| Some((it, it.call?))) {
-            let at = block.instructions.last().map_or(0, |last| last.address);
-            let inner = kept_out.max(ceiling(sections, function, at));
+            let inner = kept_out.max(ceiling(sections, function, block.last()));
             let known = least.get(&called).copied().unwrap_or(ALL_PRIORITIES);
             let is_lower = inner < known || !least.contains_key(&called);
             if is_lower && !program.is_panic(called) {
@@ -130,8 +129,7 @@ fn ceiling(sections: &[Held], function: &Function, at: u32) -> u8 {
 }
 
 fn is_exclusive(function: &Function, store: &Store) -> bool {
-    let mut instructions = function.blocks.iter().flat_map(|block| &block.instructions);
-    let own = instructions.find(|it| it.address == store.at);
+    let own = function.instructions().find(|it| it.address == store.at);
     own.is_some_and(|it| matches!(it.operation, Operation::StoreExclusive { .. }))
 }
 

@@ -93,10 +93,8 @@ impl Registers<'_> {
     fn specials(&self) -> Vec<Flaw> {
         let functions = self.functions.values();
         let counted = functions.filter(|it| self.config.exemption(&it.name).is_none());
-        let instructions = counted.flat_map(|function| {
-            let blocks = function.blocks.iter().flat_map(|it| &it.instructions);
-            blocks.map(move |it| (function, it))
-        });
+        let instructions =
+            counted.flat_map(|function| function.instructions().map(move |it| (function, it)));
         let flaws = instructions.filter_map(|(function, instruction)| {
             let name = match instruction.operation {
                 Operation::WriteSpecial { register, .. } => match register {
@@ -282,19 +280,15 @@ fn is_overwritten(function: &Function, store: &Store) -> bool {
     let Some(first) = blocks.find(holds) else {
         return false;
     };
-    if has(first, store.at) {
-        return true;
-    }
-    let mut seen = BTreeSet::from([first]);
-    let mut work = vec![first];
-    while let Some(block) = work.pop() {
-        if function.blocks[block].ends {
-            return false;
+    let judge = |block: usize| {
+        let is_known = block != first && has(block, 0);
+        if is_known {
+            Some(false)
+        } else {
+            function.blocks[block].ends.then_some(true)
         }
-        let successors = function.blocks[block].successors.iter().map(|edge| edge.to);
-        work.extend(successors.filter(|to| !has(*to, 0) && seen.insert(*to)));
-    }
-    true
+    };
+    has(first, store.at) || !function.leads(first, judge)
 }
 
 #[cfg(test)]

@@ -78,11 +78,8 @@ impl Releases<'_> {
 
     /// The stores of a handler, and of what it calls, that pend a task.
     fn pended(&self, handler: u32) -> Vec<(&Store, &AppTask)> {
-        let reached = self.program.reach(handler);
-        let functions = reached
-            .iter()
-            .filter_map(|it| self.program.function(*it))
-            .filter(|it| self.config.exemption(&it.name).is_none());
+        let reached = self.program.reached(handler);
+        let functions = reached.filter(|it| self.config.exemption(&it.name).is_none());
         let stores = functions.flat_map(|function| &function.stores);
         let pended = stores.flat_map(|store| {
             let slots = slots(store);
@@ -115,24 +112,19 @@ impl Releases<'_> {
         let Some(function) = self.program.function(address) else {
             return false;
         };
-        let mut seen = BTreeSet::from([0]);
-        let mut work = vec![0];
-        while let Some(index) = work.pop() {
-            let Some(block) = function.blocks.get(index) else {
-                continue;
-            };
+        let judge = |block: usize| {
+            let block = &function.blocks[block];
             let mut own = block.instructions.iter().filter(|it| !it.is_conditional());
             let calls = || block.call.is_some_and(|it| self.passes(it, instructions));
-            if block.traps || own.any(|it| instructions.contains(&it.address)) || calls() {
-                continue;
+            let is_passed =
+                block.traps || own.any(|it| instructions.contains(&it.address)) || calls();
+            if is_passed {
+                Some(false)
+            } else {
+                block.ends.then_some(true)
             }
-            if block.ends {
-                return false;
-            }
-            let successors = block.successors.iter().map(|edge| edge.to);
-            work.extend(successors.filter(|to| seen.insert(*to)));
-        }
-        true
+        };
+        !function.leads(0, judge)
     }
 
     /// A handler that does not read the flag which released it, or does not clear it.
@@ -142,11 +134,7 @@ impl Releases<'_> {
         if Some(handler) == self.image().symbol("DefaultHandler") || !self.is_used(flag.register) {
             return None;
         }
-        let reached = self.program.reach(handler);
-        let functions: Vec<&Function> = reached
-            .iter()
-            .filter_map(|it| self.program.function(*it))
-            .collect();
+        let functions: Vec<&Function> = self.program.reached(handler).collect();
         let accesses = |register: u32| {
             let all = functions.iter().flat_map(|function| &function.addresses);
             let of_register = all.filter(move |(_, to)| **to == register);

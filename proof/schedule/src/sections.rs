@@ -277,12 +277,12 @@ fn extent(function: &Function, writes: &[Write], begin: &Write, ceiling: Option<
                     }
             })
         };
-        let (blocks, ends) = walk(function, begin.block, is_end);
+        // The blocks that are reached without passing an end, and the reached ends.
+        let blocks = function.reach([begin.block], is_end);
+        let ends: BTreeSet<usize> = blocks.iter().copied().filter(|it| is_end(*it)).collect();
         let mut inside = blocks.difference(&ends);
-        let is_entered_again = inside.any(|block| {
-            let mut edges = function.blocks[*block].successors.iter();
-            edges.any(|edge| edge.to == begin.block)
-        });
+        let is_entered_again =
+            inside.any(|block| function.blocks[*block].next().any(|to| to == begin.block));
         let extent = Extent {
             mask: begin.mask,
             block: begin.block,
@@ -301,25 +301,6 @@ fn extent(function: &Function, writes: &[Write], begin: &Write, ceiling: Option<
             return extent;
         }
     }
-}
-
-/// The blocks that are reached from `block` without passing an end, and the reached ends.
-fn walk(
-    function: &Function,
-    block: usize,
-    is_end: impl Fn(usize) -> bool,
-) -> (BTreeSet<usize>, BTreeSet<usize>) {
-    let (mut blocks, mut ends) = (BTreeSet::from([block]), BTreeSet::new());
-    let mut work = vec![block];
-    while let Some(block) = work.pop() {
-        if is_end(block) {
-            ends.insert(block);
-            continue;
-        }
-        let successors = function.blocks[block].successors.iter().map(|edge| edge.to);
-        work.extend(successors.filter(|to| blocks.insert(*to)));
-    }
-    (blocks, ends)
 }
 
 fn longest(

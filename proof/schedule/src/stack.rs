@@ -60,15 +60,9 @@ impl<'a> Depths<'a> {
     pub(crate) fn under_tasks(mut self, function: &Function) -> Self {
         let opens = |block: &Block| (block.instructions.iter()).any(|it| lets_in(function, it));
         let from = (0..function.blocks.len()).filter(|at| opens(&function.blocks[*at]));
-        let mut beyond: BTreeSet<usize> = BTreeSet::new();
-        let mut work: Vec<usize> = from.collect();
-        if work.is_empty() {
+        let beyond = function.reach(from, |_| false);
+        if beyond.is_empty() {
             return self;
-        }
-        while let Some(block) = work.pop() {
-            if beyond.insert(block) {
-                work.extend(function.blocks[block].successors.iter().map(|edge| edge.to));
-            }
         }
         for (at, block) in function.blocks.iter().enumerate() {
             let is_quiet = |call| self.is_quiet(call, &mut BTreeSet::new());
@@ -91,8 +85,7 @@ impl<'a> Depths<'a> {
         if function.blocks.is_empty() {
             return false;
         }
-        let mut instructions = function.blocks.iter().flat_map(|it| &it.instructions);
-        if instructions.any(|it| lets_in(function, it)) {
+        if function.instructions().any(|it| lets_in(function, it)) {
             return false;
         }
         let mut called: BTreeSet<u32> = function.blocks.iter().filter_map(|it| it.call).collect();
@@ -340,8 +333,7 @@ impl Instruction {
 
 /// Whether a function uses the floating-point unit.
 pub(crate) fn uses_float(function: &Function) -> bool {
-    let mut instructions = function.blocks.iter().flat_map(|block| &block.instructions);
-    instructions.any(|instruction| instruction.operation.is_float())
+    function.instructions().any(|it| it.operation.is_float())
 }
 
 #[cfg(test)]

@@ -95,7 +95,7 @@ fn names(program: &Program<'_>) -> BTreeSet<Rc<str>> {
     let mut names = BTreeSet::new();
     for function in program.functions().values() {
         names.insert(function.name.as_str().into());
-        for instruction in function.blocks.iter().flat_map(|it| &it.instructions) {
+        for instruction in function.instructions() {
             let frames = program.image.frames(instruction.address);
             names.extend(frames.iter().map(|frame| Rc::clone(&frame.function)));
         }
@@ -221,12 +221,8 @@ impl Order<'_> {
 
     /// Whether a called function and what it calls access memory only.
     fn is_harmless(&self, called: u32) -> bool {
-        let reached = self.program.reach(called);
-        let mut functions = reached.iter().filter_map(|at| self.program.function(*at));
-        functions.all(|function| {
-            let mut instructions = function.blocks.iter().flat_map(|it| &it.instructions);
-            !instructions.any(|it| is_access(function, it))
-        })
+        let mut functions = self.program.reached(called);
+        !functions.any(|function| function.instructions().any(|it| is_access(function, it)))
     }
 
     /// Whether a path leads to an effect from another, or from the beginning, and avoids some.
@@ -246,23 +242,15 @@ impl Order<'_> {
         let begin = from.map_or((0, 0), |from| {
             (self.effects[from].block, self.effects[from].address)
         });
-        let mut seen = BTreeSet::new();
-        let mut work = vec![begin];
-        while let Some((block, after)) = work.pop() {
+        let judge = |block: usize, after: u32| {
             let mut passed = of_block(block, after).map(|(index, _)| index);
-            match passed.find(|&index| index == to || is_avoided(index)) {
-                Some(index) if index == to => return true,
-                Some(_) => continue,
-                None => {}
-            }
-            let edges = self.function.blocks[block].successors.iter();
-            work.extend(
-                edges
-                    .map(|edge| (edge.to, 0))
-                    .filter(|(to, _)| seen.insert(*to)),
-            );
-        }
-        false
+            let found = passed.find(|&index| index == to || is_avoided(index));
+            found.map(|index| index == to)
+        };
+        let (block, after) = begin;
+        let mut next = self.function.blocks[block].next();
+        let leads = |from| self.function.leads(from, |block| judge(block, 0));
+        judge(block, after).unwrap_or_else(|| next.any(leads))
     }
 
     fn flaw(&self, address: u32, what: String) -> Flaw {

@@ -7,8 +7,8 @@ use std::{
 };
 
 use crate::{
-    App, AppTask, Cache, Clock, Config, Flaw, Formula, Image, Model, Place, Point, Program, Rule,
-    Wcet,
+    App, AppTask, Cache, Clock, Config, Flaw, Formula, Function, Image, Model, Place, Point,
+    Program, Rule, Wcet,
     config::{self, ModeConfig, TaskConfig, Units},
     model::LINE_BYTES,
     persistence::{self, Share},
@@ -278,13 +278,7 @@ impl<'a> System<'a> {
 
     /// Names of the bounds of the loops that a row may run.
     fn names(&self, row: &Row) -> BTreeSet<String> {
-        let empty = BTreeMap::new();
-        let wcets = self.wcets(row, &empty);
-        let reached = wcets.reach(row.root);
-        let functions = reached
-            .iter()
-            .filter_map(|address| self.program.function(*address));
-        let loops = functions.flat_map(|function| &function.loops);
+        let loops = self.functions_of(row).flat_map(|function| &function.loops);
         let counts = loops.flat_map(|looped| {
             let bound = looped.bound.as_ref().map(|bound| &bound.count);
             bound
@@ -295,10 +289,15 @@ impl<'a> System<'a> {
             crate::Count::Named(name) => Some(name.clone()),
             crate::Count::Number(_) => None,
         });
-        let limited = reached
-            .iter()
-            .filter_map(|address| self.limited.get(address).cloned());
+        let reached = self.functions_of(row);
+        let limited = reached.filter_map(|it| self.limited.get(&it.address).cloned());
         named.chain(limited).collect()
+    }
+
+    /// The functions that a row may run.
+    pub(crate) fn functions_of(&self, row: &Row) -> impl Iterator<Item = &Function> {
+        static NO_NUMBERS: BTreeMap<String, u64> = BTreeMap::new();
+        self.wcets(row, &NO_NUMBERS).reached(row.root)
     }
 
     /// The calculator of a row, with these values of the named bounds.
@@ -371,10 +370,7 @@ impl<'a> System<'a> {
             // The vector is a line, too.
             all: bound(Cache::Shared)? + frame + wcets.share.of_line,
         };
-        let reached = wcets.reach(row.root);
-        let functions = reached
-            .iter()
-            .filter_map(|address| self.program.function(*address));
+        let functions = wcets.reached(row.root);
         let most =
             functions.filter_map(|it| wcets.persistent_loops(it).lines.values().copied().max());
         Some((cost, most.max().unwrap_or(0)))
@@ -421,12 +417,7 @@ impl<'a> System<'a> {
     }
 
     pub(crate) fn uses_float(&self, row: &Row) -> bool {
-        let empty = BTreeMap::new();
-        let reached = self.wcets(row, &empty).reach(row.root);
-        let mut functions = reached
-            .iter()
-            .filter_map(|address| self.program.function(*address));
-        functions.any(stack::uses_float)
+        self.functions_of(row).any(stack::uses_float)
     }
 
     /// Whether no run of a row begins while one of the other is due.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::{Input, Model, Program, analyse::Sources, system::System};
+use crate::{Function, Input, Model, Program, analyse::Sources, system::System};
 
 /// The lines of the project that tasks run, by file and number: the highest priority of a task with
 /// a deadline that does; `None`: only others.
@@ -19,11 +19,7 @@ pub fn lines_of_tasks(input: &Input<'_>) -> Result<BTreeMap<(String, u32), Optio
     let mut lines: BTreeMap<(String, u32), Option<u8>> = BTreeMap::new();
     for row in &system.rows {
         let priority = row.times.as_ref().map(|_| row.task.priority);
-        let named = BTreeMap::new();
-        let reached = system.wcets(row, &named).reach(row.root);
-        let functions = reached.iter().filter_map(|at| program.function(*at));
-        let blocks = functions.flat_map(|function| &function.blocks);
-        for instruction in blocks.flat_map(|block| &block.instructions) {
+        for instruction in system.functions_of(row).flat_map(Function::instructions) {
             for frame in sources.image.frames(instruction.address).iter() {
                 if frame.file.starts_with("src/") {
                     let line = lines.entry((frame.file.to_string(), frame.line));

@@ -17,6 +17,7 @@ use crate::{
     stack::{self, pointer},
     startup,
     system::{System, misconfigured},
+    walks::reachable,
     wcet::{Functions, Wcets},
 };
 
@@ -53,7 +54,7 @@ pub(crate) fn report_loops(
         rest_cycles: None,
     };
     let mut flaws = of_entries(watchdog);
-    for function in reached.iter().filter_map(|at| system.program.function(*at)) {
+    for function in system.program.functions_at(&reached) {
         for (place, within) in uncounted(system, watchdog, function, &mut found) {
             match entry(watchdog, &within) {
                 Some(index) => {
@@ -107,19 +108,18 @@ fn reach(
     excluded: &BTreeSet<u32>,
     pointers: &BTreeMap<u32, BTreeSet<u32>>,
 ) -> BTreeSet<u32> {
-    let mut reached = BTreeSet::new();
-    let mut work = vec![root];
-    while let Some(at) = work.pop() {
-        let Some(function) = system.program.function(at) else {
-            continue;
-        };
-        let ends = system.program.is_panic(at) || excluded.contains(&at);
-        if !ends && reached.insert(at) {
-            work.extend(function.blocks.iter().filter_map(|block| block.call));
-            work.extend(pointers.get(&at).into_iter().flatten());
-        }
-    }
-    reached
+    let program = system.program;
+    let is_followed = |at: &u32| {
+        let is_over = program.is_panic(*at) || excluded.contains(at);
+        !is_over && program.function(*at).is_some()
+    };
+    let called = |at: u32| {
+        let blocks = program.function(at).into_iter().flat_map(|it| &it.blocks);
+        let calls = blocks.filter_map(|block| block.call);
+        let pointed = pointers.get(&at).into_iter().flatten().copied();
+        calls.chain(pointed).filter(is_followed)
+    };
+    reachable(Some(root).filter(is_followed), called)
 }
 
 /// The loops of a function that nothing counts and that do not feed the watchdog: where each is, and in which

@@ -1,7 +1,5 @@
 //! Functions made by hand, for tests.
 
-use std::collections::{BTreeMap, BTreeSet};
-
 use crate::{
     Block, Bound, Clock, Count, Edge, Function, Instruction, Loop, Operation, Region, Store,
 };
@@ -57,14 +55,8 @@ pub(crate) fn function(blocks: &[(u32, &[usize])]) -> Function {
             .enumerate()
             .map(|(index, (length, successors))| block(index, *length, successors))
             .collect(),
-        regions: BTreeMap::new(),
-        addresses: BTreeMap::new(),
-        specials: BTreeMap::new(),
-        saved: BTreeMap::new(),
-        stores: Vec::new(),
-        loops: Vec::new(),
-        flaws: Vec::new(),
         returns: true,
+        ..Function::default()
     }
 }
 
@@ -94,10 +86,6 @@ pub(crate) fn counted(head: usize, blocks: &[usize], back: &[usize], count: u64)
         blocks: blocks.iter().copied().collect(),
         back: back.iter().copied().collect(),
         bound: Some(bound(Count::Number(count))),
-        counted: None,
-        stated: None,
-        total: None,
-        lines: BTreeSet::new(),
-        within: String::new(),
+        ..Loop::default()
     }
 }

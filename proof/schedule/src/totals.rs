@@ -22,7 +22,7 @@ pub(crate) fn flaws(
     reached: &BTreeSet<u32>,
 ) -> Vec<Flaw> {
     let mut budgets: BTreeMap<Budget, Vec<(u32, &Total)>> = BTreeMap::new();
-    for function in reached.iter().filter_map(|at| system.program.function(*at)) {
+    for function in system.program.functions_at(reached) {
         for looped in &function.loops {
             if let Some(total) = &looped.total {
                 let at = function.blocks[looped.head].start();
@@ -97,8 +97,9 @@ impl EntryCounts<'_> {
         let mut open = Budgets::new();
         let mut graph = wcets.graph(function, Cache::Warm, &mut open, |_| true)?;
         for (block, cost) in function.blocks.iter().zip(&mut graph.costs) {
-            let call = block.call.filter(|_| !block.traps);
-            let call = call.filter(|call| !wcets.excluded.contains(call));
+            let call = block
+                .returning_call()
+                .filter(|call| !wcets.excluded.contains(call));
             *cost = call.map_or(0, |call| self.of(call));
         }
         let counts =

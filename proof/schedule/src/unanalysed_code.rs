@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 
 use crate::{
-    Config, Decoder, Flaw, Image, Operation, Program, Rule,
+    Config, Decoder, Flaw, Function, Image, Operation, Program, Rule,
     graph::{BASEPRI, BASEPRI_MAX, CONTROL, FAULTMASK, MAIN_STACK, PRIMASK, PROCESS_STACK},
 };
 
@@ -15,9 +15,8 @@ use crate::{
 pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     let image = program.image;
     let functions = program.functions().values();
-    let blocks = functions.flat_map(|function| &function.blocks);
-    let known: BTreeSet<u32> = blocks
-        .flat_map(|block| &block.instructions)
+    let known: BTreeSet<u32> = functions
+        .flat_map(Function::instructions)
         .map(|instruction| instruction.address)
         .collect();
     let suspects = image.code_ranges().into_iter().flat_map(|range| {

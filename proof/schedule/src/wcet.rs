@@ -18,6 +18,7 @@ use crate::{
     model::{self, CACHE_LINES},
     paths::{Duals, Graph, Longest, LoopPaths},
     persistence::{PersistentLoops, Share},
+    walks::reachable,
 };
 
 /// Functions by their addresses.
@@ -91,18 +92,21 @@ impl<'a> Wcets<'a> {
     /// The functions that a root calls, directly or not, with the root itself, but without
     /// functions that never return.
     pub(crate) fn reach(&self, root: u32) -> BTreeSet<u32> {
-        let mut reached = BTreeSet::from([root]);
-        let mut work = vec![root];
-        while let Some(address) = work.pop() {
-            let function = self.functions.get(&address);
-            let blocks = function.into_iter().flat_map(|function| &function.blocks);
-            let calls = blocks
-                .filter(|block| !block.traps)
-                .filter_map(|block| block.call);
-            let new = calls.filter(|call| !self.excluded.contains(call) && reached.insert(*call));
-            work.extend(new);
-        }
-        reached
+        let called = |at: u32| {
+            let calls = self
+                .functions
+                .get(&at)
+                .into_iter()
+                .flat_map(Function::returning_calls);
+            calls.filter(|call| !self.excluded.contains(call))
+        };
+        reachable([root], called)
+    }
+
+    /// The same functions themselves.
+    pub(crate) fn reached(&self, root: u32) -> impl Iterator<Item = &'a Function> + use<'a> {
+        let (reached, functions) = (self.reach(root).into_iter(), self.functions);
+        reached.filter_map(|address| functions.get(&address))
     }
 
     /// The cost of a function with a warm cache or without one; `None`: no bound.
@@ -352,13 +356,8 @@ impl<'a> Wcets<'a> {
         if let Some(known) = self.touched.borrow().get(&address) {
             return known.clone();
         }
-        let mut lines = BTreeSet::new();
-        for address in self.reach(address) {
-            let function = self.functions.get(&address);
-            let blocks = function.into_iter().flat_map(|function| &function.blocks);
-            lines.extend(blocks.flat_map(model::lines));
-        }
-        let lines = Rc::new(lines);
+        let blocks = self.reached(address).flat_map(|function| &function.blocks);
+        let lines: Rc<BTreeSet<u32>> = Rc::new(blocks.flat_map(model::lines).collect());
         self.touched.borrow_mut().insert(address, lines.clone());
         lines
     }
@@ -391,8 +390,10 @@ impl<'a> Wcets<'a> {
     pub(crate) fn touched_by_blocks(&self, function: &Function) -> Vec<BTreeSet<u32>> {
         let blocks = function.blocks.iter().map(|block| {
             let mut lines: BTreeSet<u32> = model::lines(block).collect();
-            let call = block.call.filter(|_| !block.traps);
-            if let Some(call) = call.filter(|call| !self.excluded.contains(call)) {
+            if let Some(call) = block
+                .returning_call()
+                .filter(|call| !self.excluded.contains(call))
+            {
                 lines.extend(self.lines(call).iter());
             }
             lines
@@ -436,9 +437,7 @@ impl<'a> Wcets<'a> {
             *block_counts.entry((address, block)).or_default() += times * count;
             let function = self.functions.get(&address);
             let block = function.and_then(|function| function.blocks.get(block));
-            let call = block
-                .filter(|block| !block.traps)
-                .and_then(|block| block.call);
+            let call = block.and_then(Block::returning_call);
             let is_counted =
                 |call: &u32| !self.excluded.contains(call) && !self.limited.contains_key(call);
             if let Some(call) = call.filter(is_counted) {

@@ -22,15 +22,12 @@ pub(super) fn polls_memory(function: &Function, one: &Loop, called: &[&Function]
     let Some(ExitConditions { loads, is_called }) = exit_conditions(function, one) else {
         return false;
     };
-    let blocks = one.blocks.iter().map(|block| &function.blocks[*block]);
-    let own = blocks.map(|block| (function, block));
-    let called = called
-        .iter()
-        .flat_map(|function| function.blocks.iter().map(move |block| (*function, block)));
-    let all = own.chain(called).flat_map(|(function, block)| {
-        let instructions = block.instructions.iter();
-        instructions.map(move |it| (function, it))
-    });
+    let own = one
+        .blocks_of(function)
+        .flat_map(|block| &block.instructions);
+    let called = called.iter().copied();
+    let called = called.flat_map(|function| function.instructions().map(move |it| (function, it)));
+    let all = own.map(|it| (function, it)).chain(called);
     let mut stores = all.filter(|(_, it)| is_store(&it.operation));
     (is_called || !loads.is_empty())
         && stores.all(|(from, store)| {
@@ -41,13 +38,10 @@ pub(super) fn polls_memory(function: &Function, one: &Loop, called: &[&Function]
 
 /// The values on which the exits of a loop depend, followed back through registers; `None` if there
 /// are others than loads and calls.
-fn exit_conditions<'a>(function: &'a Function, one: &Loop) -> Option<ExitConditions<'a>> {
-    let blocks = || one.blocks.iter().map(|block| &function.blocks[*block]);
-    let all: Vec<&Instruction> = blocks().flat_map(|block| &block.instructions).collect();
-    let leaving = blocks().filter(|block| {
-        let mut edges = block.successors.iter();
-        edges.any(|edge| !one.blocks.contains(&edge.to))
-    });
+fn exit_conditions<'a>(function: &'a Function, one: &'a Loop) -> Option<ExitConditions<'a>> {
+    let blocks = one.blocks_of(function);
+    let all: Vec<&Instruction> = blocks.clone().flat_map(|it| &it.instructions).collect();
+    let leaving = blocks.filter(|block| block.next().any(|to| !one.blocks.contains(&to)));
     let mut found = ExitConditions {
         loads: Vec::new(),
         is_called: false,
