@@ -78,14 +78,8 @@ fn entry(around: Surroundings<'_>, blocks: &[Block], states: &States, one: &Loop
         let Some(mut state) = state.clone() else {
             continue;
         };
-        for instruction in &block.instructions {
-            state.step(around, instruction);
-        }
-        state.settle();
-        joined = Some(match joined {
-            Some(known) => known.join(&state),
-            None => state,
-        });
+        state.pass(around, block);
+        joined = Some(joined.map_or_else(|| state.clone(), |known| known.join(&state)));
     }
     joined
 }

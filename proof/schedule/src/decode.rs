@@ -11,7 +11,7 @@ use std::{error::Error, fmt};
 
 pub use float::{DIVIDE, MOVE_TWO, MULTIPLY_ADD};
 
-use crate::{Instruction, Operation};
+use crate::{Address, Instruction, Operation, Writeback};
 
 /// The condition of what is executed always.
 pub(crate) const ALWAYS: u8 = 14;
@@ -153,6 +153,55 @@ const fn mask(register: u8) -> u16 {
 const fn relative(pc: u32, word: u32, count: u32) -> u32 {
     let shift = 32 - count;
     pc.wrapping_add_signed((word << shift).cast_signed() >> shift)
+}
+
+/// Where a load or store is, and its writeback.
+type Access = (Address, Option<Writeback>);
+
+/// A load or store of registers of `bytes` bytes each: how many words, the first of one or two, and all.
+const fn transfer(
+    is_load: bool,
+    (words, first, registers): (u8, Option<u8>, u16),
+    bytes: u8,
+    (address, writeback): Access,
+) -> Decoded {
+    Decoded::new(if is_load {
+        Operation::Load {
+            writes: registers,
+            first,
+            words,
+            bytes,
+            address,
+            writeback,
+        }
+    } else {
+        Operation::Store {
+            words,
+            address,
+            writeback,
+            source: first,
+            reads: registers,
+            bytes,
+        }
+    })
+}
+
+/// The place of a load or store of words, at a distance from a register that may be written back.
+fn indexed(pc: u32, first: u32, second: u32) -> Option<Access> {
+    const PROGRAM_COUNTER: u8 = 15;
+    let has_writeback = bits(first, 5, 1) == 1;
+    let base = register(first, 0);
+    let bytes = bits(second, 0, 8).cast_signed() * 4;
+    let is_up = bits(first, 7, 1) == 1;
+    let distance = if is_up { bytes } else { -bytes };
+    let is_before = bits(first, 8, 1) == 1;
+    let offset = if is_before { distance } else { 0 };
+    let address = match (base, has_writeback) {
+        (PROGRAM_COUNTER, false) => Address::Absolute((pc & !3).wrapping_add_signed(offset)),
+        (PROGRAM_COUNTER, true) => return None,
+        _ => Address::Offset { base, offset },
+    };
+    Some((address, has_writeback.then_some((base, distance))))
 }
 
 #[cfg(test)]

@@ -99,28 +99,21 @@ pub(crate) fn describe(around: Surroundings<'_>, function: &mut Function, states
 
 /// Returns the store of an instruction, if it is one.
 fn store(state: &State, instruction: &Instruction) -> Option<Store> {
-    let (address, bytes, value) = match instruction.operation {
+    let (address, bytes) = instruction.operation.stored()?;
+    let value = match instruction.operation {
         Operation::Store {
-            address,
-            source,
-            words,
-            bytes,
+            source: Some(source),
+            words: 1,
             ..
-        } => {
-            let value = source.filter(|_| words == 1);
-            let value = value.and_then(|source| state.get(source).constant());
-            (address, u32::from(words) * u32::from(bytes), value)
-        }
-        Operation::FloatStore { address, words, .. } => (address, 4 * u32::from(words), None),
-        Operation::StoreExclusive { address, .. } => (address, 4, None),
-        _ => return None,
+        } => state.get(source).constant(),
+        _ => None,
     };
     let to = state.address(address);
     Some(Store {
         at: instruction.address,
         to: to.constant(),
         region: to.region(),
-        bytes,
+        bytes: bytes.cast_unsigned(),
         value,
     })
 }

@@ -165,6 +165,21 @@ impl Operation {
         }
     }
 
+    /// The address of a store, and how many bytes it writes.
+    pub fn stored(&self) -> Option<(Address, i32)> {
+        match *self {
+            Self::Store {
+                address,
+                words,
+                bytes,
+                ..
+            } => Some((address, i32::from(words) * i32::from(bytes))),
+            Self::FloatStore { address, words, .. } => Some((address, 4 * i32::from(words))),
+            Self::StoreExclusive { address, .. } => Some((address, 4)),
+            _ => None,
+        }
+    }
+
     /// The registers that an operation may write, including the registers that a call does not
     /// preserve.
     pub fn writes(&self) -> u16 {

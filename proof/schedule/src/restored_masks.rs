@@ -4,12 +4,12 @@
 //! keep the value in a register or in a slot of the frame. Such a slot has no pointer to it, so
 //! only stores to the slot itself change its value.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use crate::{
     Block, Instruction, Operation,
     graph::{BASEPRI, BASEPRI_MAX},
-    value_analysis::{self, States},
+    value_analysis::{self, States, data_flow},
     values::{Surroundings, sources, targets},
 };
 
@@ -72,35 +72,19 @@ const fn mask_of(register: u8) -> u8 {
 
 /// The values kept before each block; `None` for unreachable blocks.
 fn solve(blocks: &[Block], slots: &BTreeMap<u32, i32>) -> Vec<Option<Kept>> {
-    let mut before: Vec<Option<Kept>> = vec![None; blocks.len()];
-    let Some(first) = before.first_mut() else {
-        return before;
-    };
-    *first = Some(Kept::new());
-    let mut work = BTreeSet::from([0]);
-    while let Some(index) = work.pop_first() {
-        let Some(mut kept) = before[index].clone() else {
-            continue;
-        };
+    let after = |index: usize, mut kept: Kept| {
         for instruction in &blocks[index].instructions {
             step(&mut kept, instruction, slots);
         }
-        for edge in &blocks[index].successors {
-            let joined = match &before[edge.to] {
-                None => kept.clone(),
-                Some(known) => known
-                    .iter()
-                    .filter(|(place, reader)| kept.get(place) == Some(reader))
-                    .map(|(place, reader)| (*place, *reader))
-                    .collect(),
-            };
-            if before[edge.to].as_ref() != Some(&joined) {
-                before[edge.to] = Some(joined);
-                work.insert(edge.to);
-            }
-        }
-    }
-    before
+        Some(kept)
+    };
+    let join = |one: &Kept, other: &Kept| {
+        let same = one
+            .iter()
+            .filter(|(place, reader)| other.get(place) == Some(reader));
+        same.map(|(place, reader)| (*place, *reader)).collect()
+    };
+    data_flow(blocks, Kept::new(), after, join)
 }
 
 /// Follows an instruction.
@@ -108,8 +92,8 @@ fn step(kept: &mut Kept, instruction: &Instruction, slots: &BTreeMap<u32, i32>) 
     let operation = instruction.operation;
     let slot = slots.get(&instruction.address).copied();
     let made = made(kept, instruction, slot);
-    if let Some((begin, end)) = slot.and_then(|slot| stored(operation, slot)) {
-        kept.retain(|place, _| !is_touched(*place, begin, end));
+    if let (Some(slot), Some((_, bytes))) = (slot, operation.stored()) {
+        kept.retain(|place, _| !is_touched(*place, slot, slot + bytes));
     }
     if let Operation::ReadSpecial { .. } = operation {
         // An earlier value of the same reader is overwritten.
@@ -149,18 +133,6 @@ fn made(kept: &Kept, instruction: &Instruction, slot: Option<i32>) -> Vec<(Place
                 .collect()
         }
         _ => Vec::new(),
-    }
-}
-
-/// The first and the end offset in the frame of a store at `slot`.
-fn stored(operation: Operation, slot: i32) -> Option<(i32, i32)> {
-    match operation {
-        Operation::Store { words, bytes, .. } => {
-            Some((slot, slot + i32::from(words) * i32::from(bytes)))
-        }
-        Operation::FloatStore { words, .. } => Some((slot, slot + 4 * i32::from(words))),
-        Operation::StoreExclusive { .. } => Some((slot, slot + 4)),
-        _ => None,
     }
 }
 

@@ -7,7 +7,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{Block, Function, Instruction, Operation, wcet::Functions};
+use crate::{Block, Function, Instruction, Operation, value_analysis::data_flow, wcet::Functions};
 
 /// Frame of an exception with and without the registers of the floating-point unit, and what aligns
 /// it. ARMv7-M reference manual B1.5.7.
@@ -137,63 +137,59 @@ impl<'a> Depths<'a> {
             // The callee was not decoded.
             return Err(function.address);
         }
-        let mut before: Vec<Option<Registers>> = vec![None; function.blocks.len()];
         let mut entry = [Value::Unknown; 16];
         entry[usize::from(SP)] = Value::Stack(0);
-        if let Some(first) = before.first_mut() {
-            *first = Some(entry);
-        }
-        let mut work = BTreeSet::from([0]);
-        let mut deepest = 0;
-        let mut rounds = 0;
-        while let Some(index) = work.pop_first() {
-            let (Some(block), Some(mut registers)) = (function.blocks.get(index), before[index])
-            else {
-                continue;
-            };
+        let (mut deepest, mut rounds, mut unknown) = (0, 0, None);
+        let after = |index: usize, registers: Registers| {
             rounds += 1;
-            if rounds > 64 * function.blocks.len() {
-                return Err(block.start());
-            }
-            for instruction in &block.instructions {
-                step(instruction, &mut registers);
-                let Value::Stack(sp) = registers[usize::from(SP)] else {
-                    return Err(instruction.address);
+            let passed = if rounds > 64 * function.blocks.len() {
+                Err(function.blocks[index].start())
+            } else {
+                self.pass(function, index, registers, &mut deepest)
+            };
+            passed.map_err(|at| *unknown.get_or_insert(at)).ok()
+        };
+        data_flow(&function.blocks, entry, after, join);
+        unknown.map_or(Ok(deepest.max(0) as u64), Err)
+    }
+
+    /// Executes a block; the address where the depth is not known otherwise.
+    fn pass(
+        &mut self,
+        function: &Function,
+        index: usize,
+        mut registers: Registers,
+        deepest: &mut i64,
+    ) -> Result<Registers, u32> {
+        let block = &function.blocks[index];
+        for instruction in &block.instructions {
+            step(instruction, &mut registers);
+            let Value::Stack(sp) = registers[usize::from(SP)] else {
+                return Err(instruction.address);
+            };
+            *deepest = (*deepest).max(-sp);
+            if let Some(pointer) = pointer(&instruction.operation) {
+                let value = registers[usize::from(pointer & 15)];
+                let called = if let Value::Constant(address) = value {
+                    BTreeSet::from([address & !1])
+                } else {
+                    let known = self.pointers.get(&function.address);
+                    known.ok_or(instruction.address)?.clone()
                 };
-                deepest = deepest.max(-sp);
-                if let Some(pointer) = pointer(&instruction.operation) {
-                    let value = registers[usize::from(pointer & 15)];
-                    let called = if let Value::Constant(address) = value {
-                        BTreeSet::from([address & !1])
-                    } else {
-                        let known = self.pointers.get(&function.address);
-                        known.ok_or(instruction.address)?.clone()
-                    };
-                    for callee in called {
-                        deepest = deepest.max(self.depth(callee)?.cast_signed() - sp);
-                    }
-                    clobber(&mut registers);
+                for callee in called {
+                    *deepest = (*deepest).max(self.depth(callee)?.cast_signed() - sp);
                 }
-            }
-            if let (Some(call), Value::Stack(sp)) = (block.call, registers[usize::from(SP)])
-                && !(self.is_ignored)(call)
-            {
-                let callee = self.counted(function, index, call)?;
-                deepest = deepest.max(callee.cast_signed() - sp);
                 clobber(&mut registers);
             }
-            for edge in &block.successors {
-                let joined = match before[edge.to] {
-                    None => registers,
-                    Some(old) => join(old, registers),
-                };
-                if before[edge.to] != Some(joined) {
-                    before[edge.to] = Some(joined);
-                    work.insert(edge.to);
-                }
-            }
         }
-        Ok(deepest.max(0) as u64)
+        if let (Some(call), Value::Stack(sp)) = (block.call, registers[usize::from(SP)])
+            && !(self.is_ignored)(call)
+        {
+            let callee = self.counted(function, index, call)?;
+            *deepest = (*deepest).max(callee.cast_signed() - sp);
+            clobber(&mut registers);
+        }
+        Ok(registers)
     }
 }
 
@@ -246,10 +242,10 @@ pub(crate) fn constant<'i>(
 }
 
 /// The join of two states; of two depths the greater.
-fn join(one: Registers, other: Registers) -> Registers {
-    let mut joined = one;
+fn join(one: &Registers, other: &Registers) -> Registers {
+    let mut joined = *one;
     for (value, other) in joined.iter_mut().zip(other) {
-        *value = match (*value, other) {
+        *value = match (*value, *other) {
             (one, other) if one == other => one,
             (Value::Stack(one), Value::Stack(other)) => Value::Stack(one.min(other)),
             _ => Value::Unknown,
@@ -317,7 +313,7 @@ fn step(instruction: &Instruction, registers: &mut Registers) {
         *registers = if instruction.is_return() {
             before
         } else {
-            join(before, *registers)
+            join(&before, registers)
         };
     }
 }

@@ -14,34 +14,44 @@ const STACK_POINTER: u8 = 13;
 /// The states before each block; `None` where execution does not come.
 pub(crate) type States = Vec<Option<State>>;
 
-/// The states of a function that is entered in the state `entry`.
-pub(crate) fn solve(around: Surroundings<'_>, blocks: &[Block], entry: State) -> States {
+/// Solves a data-flow problem: the state before each block of a function; `None`: it is not reached. A path ends where
+/// there is no state after a block.
+pub(crate) fn data_flow<S: Clone + PartialEq>(
+    blocks: &[Block],
+    entry: S,
+    mut after: impl FnMut(usize, S) -> Option<S>,
+    join: impl Fn(&S, &S) -> S,
+) -> Vec<Option<S>> {
     let mut before = vec![None; blocks.len()];
-    if blocks.is_empty() {
+    let Some(first) = before.first_mut() else {
         return before;
-    }
-    before[0] = Some(entry);
+    };
+    *first = Some(entry);
     let mut work = BTreeSet::from([0]);
     while let Some(index) = work.pop_first() {
-        let Some(mut state) = before[index].clone() else {
+        let state = before[index].clone();
+        let Some(state) = state.and_then(|state| after(index, state)) else {
             continue;
         };
-        for instruction in &blocks[index].instructions {
-            state.step(around, instruction);
-        }
-        state.settle();
-        for edge in &blocks[index].successors {
-            let joined = match &before[edge.to] {
-                Some(known) => known.join(&state),
-                None => state.clone(),
-            };
-            if before[edge.to].as_ref() != Some(&joined) {
-                before[edge.to] = Some(joined);
-                work.insert(edge.to);
+        for to in blocks[index].next() {
+            let known = before[to].as_ref();
+            let joined = known.map_or_else(|| state.clone(), |known| join(known, &state));
+            if known != Some(&joined) {
+                before[to] = Some(joined);
+                work.insert(to);
             }
         }
     }
     before
+}
+
+/// The values before each block of a function.
+pub(crate) fn solve(around: Surroundings<'_>, blocks: &[Block], entry: State) -> States {
+    let after = |index: usize, mut state: State| {
+        state.pass(around, &blocks[index]);
+        Some(state)
+    };
+    data_flow(blocks, entry, after, State::join)
 }
 
 /// Calls `show` for each instruction with the state before it.
@@ -130,48 +140,34 @@ type Writes = [Spans; ARGUMENTS as usize];
 
 /// Adds the bytes that an instruction writes through the arguments of its function.
 fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, writes: &mut Writes) {
+    if let Some((address, length)) = operation.stored() {
+        let to = state.address(address);
+        // A word that is stored to the place of its load does not count.
+        let is_put_back = |distance: i32, source: u8| {
+            let place = to.add(distance).argument_offset();
+            place.is_some_and(|(register, distance)| {
+                let value = state.get(source);
+                value.is_loaded_from_argument(register, distance)
+            })
+        };
+        let mut stored = (0..).step_by(4).zip(sources(operation)).peekable();
+        if stored.peek().is_none() {
+            add_writes_through(writes, to, &[(0, length)]);
+        }
+        for (distance, source) in stored {
+            if !is_put_back(distance, source) {
+                add_writes_through(writes, to, &[(distance, distance + 4)]);
+            }
+        }
+        // Any function may write through a pointer that is in memory.
+        let slot = to.in_frame();
+        if slot.is_none_or(|slot| slot >= around.lowest_pointer) {
+            for source in sources(operation) {
+                add_writes_through(writes, state.get(source), &[ALL]);
+            }
+        }
+    }
     match operation {
-        Operation::Store {
-            address,
-            words,
-            bytes,
-            ..
-        } => {
-            let length = i32::from(words) * i32::from(bytes);
-            let to = state.address(address);
-            // A word that is stored to the place of its load does not count.
-            let is_put_back = |distance: i32, source: u8| {
-                let place = to.add(distance).argument_offset();
-                place.is_some_and(|(register, distance)| {
-                    state
-                        .get(source)
-                        .is_loaded_from_argument(register, distance)
-                })
-            };
-            let mut stored = (0..).step_by(4).zip(sources(operation)).peekable();
-            if stored.peek().is_none() {
-                add_writes_through(writes, to, &[(0, length)]);
-            }
-            for (distance, source) in stored {
-                if !is_put_back(distance, source) {
-                    add_writes_through(writes, to, &[(distance, distance + 4)]);
-                }
-            }
-            // Any function may write through a pointer that is in memory.
-            let slot = to.in_frame();
-            if slot.is_none_or(|slot| slot >= around.lowest_pointer) {
-                for source in sources(operation) {
-                    add_writes_through(writes, state.get(source), &[ALL]);
-                }
-            }
-        }
-        Operation::FloatStore { address, words, .. } => {
-            let length = 4 * i32::from(words);
-            add_writes_through(writes, state.address(address), &[(0, length)]);
-        }
-        Operation::StoreExclusive { address, .. } => {
-            add_writes_through(writes, state.address(address), &[(0, 4)]);
-        }
         Operation::Call(callee) | Operation::Jump(callee) => {
             let known = around
                 .callees

@@ -156,20 +156,9 @@ const fn in_address(address: Address) -> u16 {
 }
 
 /// Whether an instruction writes to memory that is not the function's own frame.
-const fn is_store(operation: &Operation) -> bool {
-    let (Operation::Store { address, .. }
-    | Operation::FloatStore { address, .. }
-    | Operation::StoreExclusive { address, .. }) = *operation
-    else {
-        return false;
-    };
-    !matches!(
-        address,
-        Address::Offset {
-            base: STACK_POINTER,
-            ..
-        }
-    )
+fn is_store(operation: &Operation) -> bool {
+    let stored = operation.stored();
+    stored.is_some_and(|(address, _)| !is_in_frame(address))
 }
 
 /// Whether a load and a store access different memory.

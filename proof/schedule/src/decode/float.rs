@@ -1,7 +1,7 @@
 //! Instructions of the single-precision floating-point extension, FPv4-SP.
 
-use super::{Decoded, Flags, bits, mask, register};
-use crate::{Address, Operation};
+use super::{Decoded, Flags, bits, indexed, mask, register};
+use crate::Operation;
 
 /// Cycles of additions, comparisons, conversions and moves: one, and one to wait for an operand.
 const SIMPLE: u8 = 2;
@@ -62,22 +62,14 @@ fn transfer(pc: u32, first: u32, second: u32, is_double: bool) -> Option<Decoded
     let is_before = bits(first, 8, 1) == 1;
     let has_writeback = bits(first, 5, 1) == 1;
     let is_up = bits(first, 7, 1) == 1;
-    let base = register(first, 0);
-    let bytes = bits(second, 0, 8).cast_signed() * 4;
-    let distance = if is_up { bytes } else { -bytes };
+    let count = bits(second, 0, 8) as u8;
     let words = match (is_before, is_up, has_writeback) {
         (false, false, false) => return move_two(first, second),
         (true, _, false) => 1 + u8::from(is_double),
-        (false, true, _) | (true, false, true) if bytes != 0 => (bytes / 4) as u8,
+        (false, true, _) | (true, false, true) if count != 0 => count,
         _ => return None,
     };
-    let offset = if is_before { distance } else { 0 };
-    let address = match (base, has_writeback) {
-        (PROGRAM_COUNTER, false) => Address::Absolute((pc & !3).wrapping_add_signed(offset)),
-        (PROGRAM_COUNTER, true) => return None,
-        _ => Address::Offset { base, offset },
-    };
-    let writeback = has_writeback.then_some((base, distance));
+    let (address, writeback) = indexed(pc, first, second)?;
     Some(Decoded::new(if bits(first, 4, 1) == 1 {
         Operation::FloatLoad {
             words,

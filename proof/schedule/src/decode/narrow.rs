@@ -1,6 +1,6 @@
 //! Instructions of 16 bits.
 
-use super::{Decoded, Flags, bits, mask, register, relative};
+use super::{Decoded, Flags, bits, mask, register, relative, transfer};
 use crate::{Address, Operation};
 
 const STACK_POINTER: u8 = 13;
@@ -25,7 +25,9 @@ pub(super) fn decode(pc: u32, code: u32) -> Option<Decoded> {
             value: bits(code, 0, 8).cast_signed() * 4,
         }),
         0b10_1100..=0b10_1111 => return miscellaneous(pc, code, low),
-        0b11_0000..=0b11_0011 => return multiple(code, high),
+        0b11_0000..=0b11_0011 => {
+            return multiple(bits(code, 11, 1) == 1, bits(code, 0, 8) as u16, high);
+        }
         0b11_0100..=0b11_0111 => match bits(code, 8, 4) {
             14 => Decoded::new(Operation::Trap),
             15 => Decoded::new(Operation::Supervisor),
@@ -139,26 +141,17 @@ fn special(code: u32) -> Option<Decoded> {
     }))
 }
 
-fn load(to: u8, address: Address, bytes: u8) -> Decoded {
-    Decoded::new(Operation::Load {
-        writes: mask(to),
-        first: Some(to),
-        words: 1,
-        bytes,
-        address,
-        writeback: None,
-    })
+const fn load(to: u8, address: Address, bytes: u8) -> Decoded {
+    transfer(true, (1, Some(to), mask(to)), bytes, (address, None))
 }
 
-fn store(source: u8, address: Address, bytes: u8) -> Decoded {
-    Decoded::new(Operation::Store {
-        words: 1,
-        address,
-        writeback: None,
-        source: Some(source),
-        reads: mask(source),
+const fn store(source: u8, address: Address, bytes: u8) -> Decoded {
+    transfer(
+        false,
+        (1, Some(source), mask(source)),
         bytes,
-    })
+        (address, None),
+    )
 }
 
 /// Loads and stores of one register.
@@ -228,7 +221,7 @@ fn miscellaneous(pc: u32, code: u32, to: u8) -> Option<Decoded> {
         },
         12 | 13 => {
             let list = bits(code, 0, 8) | bits(code, 8, 1) << 15;
-            return pop(list as u16);
+            return multiple(true, list as u16, STACK_POINTER);
         }
         14 => Operation::Trap,
         15 if bits(code, 0, 4) != 0 => {
@@ -254,60 +247,23 @@ const fn count(list: u16) -> Option<u8> {
 }
 
 fn push(list: u16) -> Option<Decoded> {
-    let words = count(list)?;
+    let (base, words) = (STACK_POINTER, count(list)?);
     let offset = -4 * i32::from(words);
-    Some(Decoded::new(Operation::Store {
-        words,
-        address: Address::Offset {
-            base: STACK_POINTER,
-            offset,
-        },
-        writeback: Some((STACK_POINTER, offset)),
-        source: None,
-        reads: list,
-        bytes: 4,
-    }))
+    let place = (Address::Offset { base, offset }, Some((base, offset)));
+    Some(transfer(false, (words, None, list), 4, place))
 }
 
-fn pop(list: u16) -> Option<Decoded> {
-    let words = count(list)?;
-    Some(Decoded::new(Operation::Load {
-        writes: list,
-        first: None,
-        words,
-        bytes: 4,
-        address: Address::Offset {
-            base: STACK_POINTER,
-            offset: 0,
-        },
-        writeback: Some((STACK_POINTER, 4 * i32::from(words))),
-    }))
-}
-
-/// `LDM` and `STM` of low registers.
-fn multiple(code: u32, base: u8) -> Option<Decoded> {
-    let list = bits(code, 0, 8) as u16;
+/// `POP`, and `LDM` and `STM` of low registers.
+fn multiple(is_load: bool, list: u16, base: u8) -> Option<Decoded> {
     let words = count(list)?;
     let address = Address::Offset { base, offset: 0 };
-    let writeback = Some((base, 4 * i32::from(words)));
-    Some(Decoded::new(if bits(code, 11, 1) == 0 {
-        Operation::Store {
-            words,
-            address,
-            writeback,
-            source: None,
-            reads: list,
-            bytes: 4,
-        }
-    } else {
-        Operation::Load {
-            writes: list,
-            first: None,
-            words,
-            bytes: 4,
-            address,
-            // A base that is loaded keeps what was loaded.
-            writeback: writeback.filter(|_| list & mask(base) == 0),
-        }
-    }))
+    // A base that is loaded keeps what was loaded.
+    let is_kept = is_load && list & mask(base) != 0;
+    let writeback = (!is_kept).then_some((base, 4 * i32::from(words)));
+    Some(transfer(
+        is_load,
+        (words, None, list),
+        4,
+        (address, writeback),
+    ))
 }

@@ -149,22 +149,13 @@ impl State {
 
     /// The words that a store puts at constant addresses.
     pub(crate) fn stored(&self, store: Operation) -> Vec<(u32, Value)> {
-        let (address, length) = match store {
-            Operation::Store {
-                address,
-                words,
-                bytes,
-                ..
-            } => (address, u32::from(words) * u32::from(bytes)),
-            Operation::FloatStore { address, words, .. } => (address, 4 * u32::from(words)),
-            Operation::StoreExclusive { address, .. } => (address, 4),
-            _ => return Vec::new(),
-        };
-        let Some(start) = self.address(address).constant() else {
+        let stored = store.stored();
+        let address = stored.and_then(|it| Some((self.address(it.0).constant()?, it.1)));
+        let Some((start, length)) = address else {
             return Vec::new();
         };
         let first = start & !3;
-        let words = (first..start + length).step_by(4);
+        let words = (first..start + length.cast_unsigned()).step_by(4);
         let known = sources(store).map(|source| self.get(source).abroad());
         let all = known.chain(std::iter::repeat(Value::UNKNOWN));
         words.zip(all).collect()

@@ -6,7 +6,7 @@ use std::{
 };
 
 use super::{ARGUMENTS, Base, Flags, Origins, Value, sorted::SortedMap};
-use crate::{Address, Image, Instruction, Operation, Region};
+use crate::{Address, Block, Image, Instruction, Operation, Region};
 
 const STACK_POINTER: u8 = 13;
 const PROGRAM_COUNTER: u8 = 15;
@@ -221,6 +221,14 @@ impl State {
         if instruction.sets_flags {
             self.settle();
         }
+    }
+
+    /// Executes a block.
+    pub(crate) fn pass(&mut self, around: Surroundings<'_>, block: &Block) {
+        for instruction in &block.instructions {
+            self.step(around, instruction);
+        }
+        self.settle();
     }
 
     /// Joins the two states of an `IT`.

@@ -10,38 +10,23 @@ impl State {
     pub(super) fn transfer(&mut self, around: Surroundings<'_>, instruction: &Instruction) {
         let at = instruction.address;
         let flags = self.arithmetic(at, instruction.operation);
+        if let Some((address, bytes)) = instruction.operation.stored() {
+            let to = self.address(address);
+            self.store(around, to, bytes);
+            self.keep(to, instruction.operation);
+        }
         match instruction.operation {
             Operation::Load { address, .. } => {
                 let from = self.address(address);
                 self.load(around, at, from, instruction.operation);
             }
-            Operation::Store {
-                words,
-                address,
-                writeback,
-                bytes,
-                ..
-            } => {
-                let to = self.address(address);
-                self.store(around, to, i32::from(words) * i32::from(bytes));
-                self.keep(to, instruction.operation);
-                self.write_back(writeback);
-            }
-            Operation::FloatStore {
-                words,
-                address,
-                writeback,
-            } => {
-                self.store(around, self.address(address), 4 * i32::from(words));
-                self.write_back(writeback);
-            }
-            Operation::StoreExclusive { to, address } => {
-                self.store(around, self.address(address), 4);
+            Operation::Store { writeback, .. }
+            | Operation::FloatStore { writeback, .. }
+            | Operation::FloatLoad { writeback, .. } => self.write_back(writeback),
+            Operation::LoadExclusive { writes, .. } => self.write_all(at, writes),
+            Operation::StoreExclusive { to, .. } | Operation::ReadSpecial { to, .. } => {
                 self.write(at, to, Region::Unknown);
             }
-            Operation::FloatLoad { writeback, .. } => self.write_back(writeback),
-            Operation::LoadExclusive { writes, .. } => self.write_all(at, writes),
-            Operation::ReadSpecial { to, .. } => self.write(at, to, Region::Unknown),
             Operation::Call(callee) => self.call(around, at, Some(callee)),
             Operation::CallRegister(_) => self.call(around, at, None),
             _ => {}

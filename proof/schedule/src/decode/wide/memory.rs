@@ -1,6 +1,9 @@
 //! Loads and stores of core registers, and jumps by a table.
 
-use super::{Decoded, PROGRAM_COUNTER, bits, mask, register};
+use super::{
+    super::{Access, indexed, transfer},
+    Decoded, PROGRAM_COUNTER, bits, mask, register,
+};
 use crate::{Address, Operation};
 
 /// A register that a load or store names as target: only a whole word may go to the program counter.
@@ -28,25 +31,13 @@ pub(super) fn multiple(first: u32, second: u32) -> Option<Decoded> {
     }
     let address = Address::Offset { base, offset };
     let writeback = has_writeback.then_some((base, distance));
-    Some(Decoded::new(if bits(first, 4, 1) == 1 {
-        Operation::Load {
-            writes: list,
-            first: None,
-            words,
-            bytes: 4,
-            address,
-            writeback,
-        }
-    } else {
-        Operation::Store {
-            words,
-            address,
-            writeback,
-            source: None,
-            reads: list,
-            bytes: 4,
-        }
-    }))
+    let is_load = bits(first, 4, 1) == 1;
+    Some(transfer(
+        is_load,
+        (words, None, list),
+        4,
+        (address, writeback),
+    ))
 }
 
 /// `LDRD`, `STRD`, exclusive loads and stores, table branches.
@@ -56,42 +47,12 @@ pub(super) fn dual_exclusive_table(pc: u32, first: u32, second: u32) -> Option<D
     if !is_before && !has_writeback {
         return exclusive_or_table(first, second);
     }
-    let base = register(first, 0);
-    let bytes = bits(second, 0, 8).cast_signed() * 4;
-    let distance = if bits(first, 7, 1) == 1 {
-        bytes
-    } else {
-        -bytes
-    };
-    let offset = if is_before { distance } else { 0 };
-    let address = match (base, has_writeback) {
-        (PROGRAM_COUNTER, false) => Address::Absolute((pc & !3).wrapping_add_signed(offset)),
-        (PROGRAM_COUNTER, true) => return None,
-        _ => Address::Offset { base, offset },
-    };
-    let writeback = has_writeback.then_some((base, distance));
+    let place = indexed(pc, first, second)?;
     let (one, other) = (target(second, 12)?, target(second, 8)?);
-    Some(Decoded::new(if bits(first, 4, 1) == 1 {
-        Operation::Load {
-            writes: mask(one) | mask(other),
-            first: Some(one),
-            words: 2,
-            bytes: 4,
-            address,
-            writeback,
-        }
-    } else if base == PROGRAM_COUNTER {
-        return None;
-    } else {
-        Operation::Store {
-            words: 2,
-            address,
-            writeback,
-            source: Some(one),
-            reads: mask(one) | mask(other),
-            bytes: 4,
-        }
-    }))
+    let is_load = bits(first, 4, 1) == 1;
+    let is_possible = is_load || register(first, 0) != PROGRAM_COUNTER;
+    let registers = (2, Some(one), mask(one) | mask(other));
+    is_possible.then(|| transfer(is_load, registers, 4, place))
 }
 
 fn exclusive_or_table(first: u32, second: u32) -> Option<Decoded> {
@@ -130,7 +91,7 @@ fn exclusive_or_table(first: u32, second: u32) -> Option<Decoded> {
 }
 
 /// The address of a load or store of one register, and its writeback.
-fn address(pc: u32, first: u32, second: u32) -> Option<(Address, Option<(u8, i32)>)> {
+fn address(pc: u32, first: u32, second: u32) -> Option<Access> {
     let base = register(first, 0);
     let wide = bits(second, 0, 12).cast_signed();
     if base == PROGRAM_COUNTER {
@@ -178,25 +139,7 @@ pub(super) fn single(pc: u32, first: u32, second: u32) -> Option<Decoded> {
         let is_preload = is_load && writeback.is_none();
         return is_preload.then_some(Decoded::new(Operation::Nothing));
     }
-    Some(Decoded::new(if is_load {
-        Operation::Load {
-            writes: mask(value),
-            first: Some(value),
-            words: 1,
-            bytes: 1 << size,
-            address,
-            writeback,
-        }
-    } else if matches!(address, Address::Absolute(_)) {
-        return None;
-    } else {
-        Operation::Store {
-            words: 1,
-            address,
-            writeback,
-            source: Some(value),
-            reads: mask(value),
-            bytes: 1 << size,
-        }
-    }))
+    let is_possible = is_load || !matches!(address, Address::Absolute(_));
+    let registers = (1, Some(value), mask(value));
+    is_possible.then(|| transfer(is_load, registers, 1 << size, (address, writeback)))
 }
