@@ -61,7 +61,7 @@ impl Observer for Follower {
 
     fn finish(&mut self) -> Result<String, String> {
         // The value is not kept: it cannot move to QEMU's processor thread.
-        let image = Image::load(&self.elf).map_err(|error| error.to_string())?;
+        let image = Image::load(&self.elf)?;
         // As the report names it, also where there is no line of source.
         let frames = |address| image.place(address).frames;
         let summary = self.checker.summary(frames);

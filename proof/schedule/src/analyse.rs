@@ -146,7 +146,7 @@ impl Sources {
             fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
         };
         let text = read("schedule.toml")?;
-        let image = Image::load(input.elf).map_err(|error| error.to_string())?;
+        let image = Image::load(input.elf)?;
         Ok(Self {
             config: Config::parse(&text)?
                 .of_features(input.features)
@@ -155,7 +155,7 @@ impl Sources {
             app: App::parse(&read("src/app.rs")?)
                 .map_err(|error| format!("src/app.rs: {error}"))?,
             image,
-            annotations: Annotations::read(input.root).map_err(|error| error.to_string())?,
+            annotations: Annotations::read(input.root)?,
         })
     }
 }
@@ -171,28 +171,10 @@ fn hexadecimal(bytes: &[u8]) -> String {
 /// Checks what the code does beside taking time: vectors, registers, releases, memory, initialisation.
 fn check_code(system: &System<'_>, sections: &[Held], report: &mut Report) {
     let (program, config) = (system.program, system.config);
-    let crosscheck = Crosscheck {
-        image: system.image,
-        functions: program.functions(),
-        app: system.app,
-        config,
-        sections,
-    };
-    let registers = Registers {
-        image: system.image,
-        functions: program.functions(),
-        config,
-        clock: &system.clock,
-    };
-    let releases = Releases {
-        program,
-        app: system.app,
-        config,
-    };
     let flaws = &mut report.flaws;
-    flaws.extend(crosscheck.flaws());
-    flaws.extend(registers.flaws());
-    let (graph, wrong) = releases.flaws();
+    flaws.extend(Crosscheck { system, sections }.flaws());
+    flaws.extend(Registers { system }.flaws());
+    let (graph, wrong) = Releases { system }.flaws();
     report.releases = graph;
     flaws.extend(wrong);
     flaws.extend(unanalysed_code::flaws(program, config));

@@ -16,23 +16,11 @@
 
 mod source;
 
-use std::{collections::HashMap, error::Error, fmt, ops::RangeInclusive, path::Path};
+use std::{collections::HashMap, ops::RangeInclusive, path::Path};
 
 pub(crate) use source::{SourceLoop, Stated};
 
 use crate::{Count, SourceFile};
-
-/// Why the annotations cannot be used.
-#[derive(Debug)]
-pub struct AnnotationError(String);
-
-impl fmt::Display for AnnotationError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl Error for AnnotationError {}
 
 /// The loops of the source files, with what is said of them.
 #[derive(Debug, Clone, Default)]
@@ -47,9 +35,9 @@ impl Annotations {
     /// # Errors
     ///
     /// When a file cannot be read or parsed, or a comment has no loop or no number.
-    pub fn read(root: &Path) -> Result<Self, AnnotationError> {
+    pub fn read(root: &Path) -> Result<Self, String> {
         let mut annotations = Self::default();
-        for file in SourceFile::all(root).map_err(AnnotationError)? {
+        for file in SourceFile::all(root)? {
             annotations.add(&file.name, &file.text)?;
         }
         Ok(annotations)
@@ -60,9 +48,9 @@ impl Annotations {
     /// # Errors
     ///
     /// When it cannot be parsed, or a comment has no loop or no number.
-    pub fn add(&mut self, file: &str, text: &str) -> Result<(), AnnotationError> {
-        let loops = source::loops(text)
-            .map_err(|(line, error)| AnnotationError(format!("{file}:{line}: {error}")))?;
+    pub fn add(&mut self, file: &str, text: &str) -> Result<(), String> {
+        let loops =
+            source::loops(text).map_err(|(line, error)| format!("{file}:{line}: {error}"))?;
         self.files.insert(file.to_owned(), loops);
         Ok(())
     }

@@ -13,8 +13,8 @@ use std::{
 use serde_json::{Map, Value, json};
 
 use crate::{
-    Cache, Count, Function, Loop, Point, Report, Stream,
-    loops::is_on_every_path,
+    Cache, Function, Loop, Point, Report, Stream,
+    loops::in_runs,
     persistence::Share,
     response::{self, Blocking, Flash, HOPELESS, Response},
     row_demand::RowDemand,
@@ -94,13 +94,6 @@ fn hexadecimal(address: u32) -> String {
     format!("{address:#010x}")
 }
 
-fn count(count: &Count) -> Value {
-    match count {
-        Count::Number(number) => json!(number),
-        Count::Named(name) => json!(name),
-    }
-}
-
 /// The graph of a function, with what is known of its accesses and loops.
 fn graph(function: &Function) -> Value {
     let blocks = function.blocks.iter().map(|block| {
@@ -115,33 +108,24 @@ fn graph(function: &Function) -> Value {
             successors
         ])
     });
-    let regions = function.regions.iter();
-    let regions = regions.map(|(address, region)| {
-        (
-            address.to_string(),
-            json!(format!("{region:?}").to_lowercase()),
-        )
-    });
     let mut loops: Vec<&Loop> = function.loops.iter().collect();
     loops.sort_by_key(|looped| looped.blocks.len());
     let loops = loops.into_iter().map(|looped| {
         let total = looped.total.as_ref();
         let bound = looped.bound.as_ref();
-        let in_runs = total.map(|total| &total.in_runs);
-        let in_runs = in_runs.filter(|in_runs| is_on_every_path(function, looped, in_runs));
         json!({
             "head": looped.head,
             "blocks": looped.blocks,
-            "most": bound.filter(|_| total.is_none()).map(|bound| count(&bound.count)),
-            "total": total.map(|total| count(&total.bound.count)),
-            "in_runs": in_runs,
+            "most": bound.filter(|_| total.is_none()).map(|bound| &bound.count),
+            "total": total.map(|total| &total.bound.count),
+            "in_runs": in_runs(function, looped),
             "origin": total.map(|total| &total.bound.origin).or(bound.map(|bound| &bound.origin)),
         })
     });
     json!({
         "name": function.name,
         "blocks": blocks.collect::<Vec<_>>(),
-        "regions": regions.collect::<Map<_, _>>(),
+        "regions": function.regions,
         "loops": loops.collect::<Vec<_>>(),
     })
 }

@@ -332,7 +332,7 @@ pub struct TaskConfig {
 }
 
 /// A kind of run of a task.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModeConfig {
     /// Functions that are not called in such a run.

@@ -8,10 +8,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    App, AppTask, Config, Flaw, Function, Image, Place, Rule,
+    AppTask, Flaw, Function, Place, Rule,
     registers::is_by,
     sections::{Held, UNKNOWN_CEILING},
-    wcet::Functions,
+    system::System,
 };
 
 /// The first vector that is not the processor's own.
@@ -32,12 +32,9 @@ const PRIORITIES: std::ops::Range<u32> = 0xe000_e400..0xe000_e4f0;
 const SYSTEM_PRIORITIES: std::ops::Range<u32> = 0xe000_ed18..0xe000_ed24;
 const FIRST_SYSTEM: usize = 4;
 
-/// The compared program, application and configuration.
+/// The compared program, application and configuration, and the sections of the program.
 pub(crate) struct Crosscheck<'a> {
-    pub(crate) image: &'a Image,
-    pub(crate) functions: &'a Functions,
-    pub(crate) app: &'a App,
-    pub(crate) config: &'a Config,
+    pub(crate) system: &'a System<'a>,
     pub(crate) sections: &'a [Held],
 }
 
@@ -68,7 +65,13 @@ impl Crosscheck<'_> {
         let mut flaws = Vec::new();
         let written = self.priorities();
         let mut known: BTreeSet<usize> = BTreeSet::new();
-        for task in self.app.tasks.iter().filter(|task| task.priority > 0) {
+        for task in self
+            .system
+            .app
+            .tasks
+            .iter()
+            .filter(|task| task.priority > 0)
+        {
             let slots = self.task_slots(task, &mut flaws);
             for slot in &slots {
                 flaws.extend(Self::priority(task, *slot, &written));
@@ -84,25 +87,29 @@ impl Crosscheck<'_> {
 
     /// The slots of the vector table that hold a handler.
     fn slots(&self, handler: u32) -> BTreeSet<usize> {
-        let vectors = self.image.vectors().iter().enumerate().skip(1);
+        let vectors = self.system.image.vectors().iter().enumerate().skip(1);
         let slots = vectors.filter(|(_, vector)| **vector & !1 == handler);
         slots.map(|(slot, _)| slot).collect()
     }
 
     /// The slots of a task: its own, and the slots of vectors whose handlers call the task.
     fn task_slots(&self, task: &AppTask, flaws: &mut Vec<Flaw>) -> BTreeSet<usize> {
-        let more = self.config.task.get(&task.name);
+        let more = self.system.config.task.get(&task.name);
         let more = more.map_or(&[][..], |config| config.vectors.as_slice());
         let mut slots = BTreeSet::new();
-        let default = self.image.symbol("DefaultHandler");
+        let default = self.system.image.symbol("DefaultHandler");
         // Another board may have its own vectors besides.
         let is_used = |vector: &&String| {
-            let handler = self.image.symbol(vector);
+            let handler = self.system.image.symbol(vector);
             handler.is_some() && handler != default
         };
         let more: Vec<&String> = more.iter().filter(is_used).collect();
         for vector in [&task.vector].into_iter().chain(more.iter().copied()) {
-            let found = self.image.symbol(vector).map(|handler| self.slots(handler));
+            let found = self
+                .system
+                .image
+                .symbol(vector)
+                .map(|handler| self.slots(handler));
             match found.filter(|found| !found.is_empty()) {
                 Some(found) => slots.extend(found),
                 None => flaws.push(at(
@@ -132,11 +139,8 @@ impl Crosscheck<'_> {
     /// The priorities that the program writes, by slot.
     fn priorities(&self) -> BTreeMap<usize, BTreeSet<Option<u32>>> {
         let mut written: BTreeMap<usize, BTreeSet<Option<u32>>> = BTreeMap::new();
-        let stores = self
-            .functions
-            .values()
-            .flat_map(|function| &function.stores);
-        for store in stores {
+        let functions = self.system.program.functions().values();
+        for store in functions.flat_map(|function| &function.stores) {
             let Some(slot) = store.to.and_then(slot_of_priority) else {
                 continue;
             };
@@ -175,24 +179,26 @@ impl Crosscheck<'_> {
 
     /// Vectors that may interrupt and belong to no task.
     fn unowned_vectors(&self, known: &BTreeSet<usize>) -> Vec<Flaw> {
-        let default = self.image.symbol("DefaultHandler");
+        let default = self.system.image.symbol("DefaultHandler");
         let mut flaws = Vec::new();
-        for (slot, vector) in self.image.vectors().iter().enumerate().skip(1) {
+        for (slot, vector) in self.system.image.vectors().iter().enumerate().skip(1) {
             let handler = vector & !1;
             let system = SYSTEM.iter().find(|(number, _)| *number == slot);
             let is_task = known.contains(&slot) || (slot < FIRST_INTERRUPT && system.is_none());
             if is_task || handler == 0 || Some(handler) == default {
                 continue;
             }
-            let name =
-                system.map_or_else(|| self.image.name(handler), |(_, name)| (*name).to_owned());
-            if self.config.exemption(&name).is_none() {
+            let name = system.map_or_else(
+                || self.system.image.name(handler),
+                |(_, name)| (*name).to_owned(),
+            );
+            if self.system.config.exemption(&name).is_none() {
                 let what = format!("vector {slot} (`{name}`) belongs to no task");
                 let remedy = "Make it a task, or say in `schedule.toml` to which task it belongs.";
                 flaws.push(mismatch(what, remedy));
             }
         }
-        let functions = self.functions.values();
+        let functions = self.system.program.functions().values();
         let stores = functions.flat_map(|function| {
             let stores = function.stores.iter();
             stores.filter_map(move |it| Some((function, it.at, it.to?, it.value)))
@@ -202,19 +208,23 @@ impl Crosscheck<'_> {
             // An unknown value may have all bits.
             let bits = value.unwrap_or(u32::MAX);
             for bit in (0..32).filter(|bit| bits >> bit & 1 != 0) {
-                let Some(handler) = self.image.vectors().get(first + bit) else {
+                let Some(handler) = self.system.image.vectors().get(first + bit) else {
                     continue;
                 };
                 let handler = handler & !1;
                 // The time of what is exempt counts nowhere: only who is named may let it run.
-                let is_exempt = self.config.exemption(&self.image.name(handler)).is_some()
+                let is_exempt = self
+                    .system
+                    .config
+                    .exemption(&self.system.image.name(handler))
+                    .is_some()
                     && self.may_store(function, at, address);
                 if !known.contains(&(first + bit)) && !is_exempt {
                     let what = format!("vector {} is enabled and belongs to no task", first + bit);
                     let remedy = "Make it a task, or leave it disabled; write a constant. Who enables what is \
                         exempt needs a `[[register]]` in `schedule.toml`.";
                     flaws.push(Flaw {
-                        place: self.image.place(at),
+                        place: self.system.image.place(at),
                         ..mismatch(what, remedy)
                     });
                 }
@@ -227,11 +237,22 @@ impl Crosscheck<'_> {
     fn exempt_handlers(&self, known: &BTreeSet<usize>) -> Vec<Flaw> {
         let vectors = known
             .iter()
-            .filter_map(|slot| self.image.vectors().get(*slot));
-        let handlers: BTreeSet<String> = vectors.map(|it| self.image.name(it & !1)).collect();
-        let tasks = self.app.tasks.iter().map(|task| format!("::{}", task.name));
+            .filter_map(|slot| self.system.image.vectors().get(*slot));
+        let handlers: BTreeSet<String> =
+            vectors.map(|it| self.system.image.name(it & !1)).collect();
+        let tasks = self
+            .system
+            .app
+            .tasks
+            .iter()
+            .map(|task| format!("::{}", task.name));
         let tasks: Vec<String> = tasks.collect();
-        let exempt = self.config.exempt.iter().map(|exempt| &exempt.function);
+        let exempt = self
+            .system
+            .config
+            .exempt
+            .iter()
+            .map(|exempt| &exempt.function);
         let wrong = exempt.filter(|name| {
             handlers.contains(*name) || tasks.iter().any(|task| name.ends_with(task))
         });
@@ -247,17 +268,22 @@ impl Crosscheck<'_> {
 
     /// Whether `schedule.toml` lets an instruction store to a register.
     fn may_store(&self, function: &Function, at: u32, address: u32) -> bool {
-        let frames = self.image.frames(at);
-        let mut allowed = self.config.register.iter();
+        let frames = self.system.image.frames(at);
+        let mut allowed = self.system.config.register.iter();
         allowed.any(|it| (it.from..it.to).contains(&address) && is_by(&it.by, function, &frames))
     }
 
     /// That `idle` is in `main`: what is exempt there is so until interrupts are on.
     fn idle(&self) -> Option<Flaw> {
-        let mut functions = self.functions.values();
+        let mut functions = self.system.program.functions().values();
         let is_own_function = functions.any(|function| function.name.ends_with("::idle"));
-        let idle = self.app.tasks.iter().find(|task| task.name == "idle")?;
-        (!is_own_function && self.config.exemption("main").is_some()).then(|| {
+        let idle = self
+            .system
+            .app
+            .tasks
+            .iter()
+            .find(|task| task.name == "idle")?;
+        (!is_own_function && self.system.config.exemption("main").is_some()).then(|| {
             let what = "the code of `idle` is in `main`, which is exempt".to_owned();
             let remedy = "Keep it apart: write `#[inline(never)]` at `idle`.";
             at(idle, mismatch(what, remedy))
@@ -266,19 +292,20 @@ impl Crosscheck<'_> {
 
     /// Sections with a ceiling that no resource has.
     fn ceilings(&self) -> Vec<Flaw> {
-        let ceilings: BTreeSet<u8> = self.app.ceilings().into_values().collect();
+        let ceilings: BTreeSet<u8> = self.system.app.ceilings().into_values().collect();
         let strange = self.sections.iter().filter(|section| {
             let is_strange = section
                 .ceiling
                 .is_some_and(|ceiling| ceiling != UNKNOWN_CEILING && !ceilings.contains(&ceiling));
             is_strange
                 && self
+                    .system
                     .config
-                    .exemption(&self.image.name(section.function))
+                    .exemption(&self.system.image.name(section.function))
                     .is_none()
         });
         let flaws = strange.map(|section| Flaw {
-            place: self.image.place(section.address),
+            place: self.system.image.place(section.address),
             ..mismatch(
                 format!(
                     "a section holds up tasks up to priority {}, which is no resource's ceiling",

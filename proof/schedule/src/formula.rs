@@ -18,6 +18,12 @@ pub enum Formula {
     Text(String),
 }
 
+impl Default for Formula {
+    fn default() -> Self {
+        Self::Number(0.0)
+    }
+}
+
 impl fmt::Display for Formula {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -7,7 +7,6 @@ mod lines;
 
 use std::{
     collections::{BTreeMap, HashMap},
-    error::Error,
     fmt, fs,
     ops::Range,
     path::Path,
@@ -22,18 +21,6 @@ use object::{
 };
 
 use crate::Place;
-
-/// Why a file cannot be used.
-#[derive(Debug)]
-pub struct ImageError(String);
-
-impl fmt::Display for ImageError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl Error for ImageError {}
 
 /// The place of a function, from its symbol.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -106,7 +93,7 @@ impl Image {
     ///
     /// Says what is wrong when it cannot be read, or is no 32-bit little-endian ELF file with
     /// symbols and a section `.vector_table`.
-    pub fn load(path: &Path) -> Result<Self, ImageError> {
+    pub fn load(path: &Path) -> Result<Self, String> {
         let bytes = fs::read(path).map_err(|error| failed(path, error))?;
         let file = ElfFile32::<Endianness>::parse(&*bytes).map_err(|error| failed(path, error))?;
         if !file.is_little_endian() {
@@ -351,8 +338,8 @@ impl Image {
     }
 }
 
-fn failed(path: &Path, error: impl fmt::Display) -> ImageError {
-    ImageError(format!("{}: {error}", path.display()))
+fn failed(path: &Path, error: impl fmt::Display) -> String {
+    format!("{}: {error}", path.display())
 }
 
 /// A name as it is in the source.

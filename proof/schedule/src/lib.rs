@@ -78,7 +78,7 @@ mod wcet;
 mod worst_path;
 
 pub use analyse::{Input, analyse, certify};
-pub use annotations::{AnnotationError, Annotations};
+pub use annotations::Annotations;
 pub use calibration::Measured;
 pub use config::{Config, LongRows, Point, Replay};
 pub use confirm::confirm;
@@ -86,7 +86,7 @@ pub use decode::Decoder;
 pub use flaw::{Flaw, Place, Rule};
 pub use formula::Formula;
 pub use graph::{raises, restores};
-pub use image::{Extent, Frame, Image, ImageError};
+pub use image::{Extent, Frame, Image};
 pub use instruction::{Address, Instruction, Operation, Writeback};
 pub use model::{Cache, Clock, Model, lines};
 pub use program::{Block, Bound, Count, Edge, Function, Loop, Program, Region, Runs, Store, Total};

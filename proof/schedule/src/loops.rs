@@ -54,17 +54,17 @@ pub(crate) fn find(blocks: &[Block]) -> Loops {
 }
 
 /// Blocks in the order of a search in depth.
-struct DepthFirst {
+pub(crate) struct DepthFirst {
     /// Those that are reached, each after all that are first reached from it.
     finished: Vec<usize>,
     /// Edges to a block from which the search has come.
-    back: Vec<(usize, usize)>,
+    pub(crate) back: Vec<(usize, usize)>,
     /// The blocks before each.
     sources: Vec<Vec<usize>>,
 }
 
 impl DepthFirst {
-    fn search(blocks: &[Block]) -> Self {
+    pub(crate) fn search(blocks: &[Block]) -> Self {
         let mut order = Self {
             finished: Vec::new(),
             back: Vec::new(),
@@ -158,6 +158,12 @@ pub(crate) fn is_on_every_path(
         }
     };
     !function.leads(looped.head, judge)
+}
+
+/// The blocks that each run of a loop with a total executes, where every iteration executes one of them.
+pub(crate) fn in_runs<'l>(function: &Function, looped: &'l Loop) -> Option<&'l BTreeSet<usize>> {
+    let in_runs = &looped.total.as_ref()?.in_runs;
+    is_on_every_path(function, looped, in_runs).then_some(in_runs)
 }
 
 #[cfg(test)]

@@ -2,13 +2,16 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use serde::Serialize;
+
 use crate::{
     Annotations, Flaw, Image, Instruction, bounds, calls::Calls, functions, graph::Graphs,
     walks::reachable,
 };
 
 /// A part of the address space with its own access time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Region {
     /// Flash, through the data cache of the accelerator.
     Flash,
@@ -70,7 +73,8 @@ pub struct Store {
 }
 
 /// A number, or the name of one that `schedule.toml` defines.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
+#[serde(untagged)]
 pub enum Count {
     /// The number.
     Number(u64),

@@ -9,11 +9,10 @@
 use std::collections::BTreeSet;
 
 use crate::{
-    Clock, Config, Flaw, Frame, Function, Image, Operation, Region, Rule, Store,
+    Flaw, Frame, Function, Operation, Region, Rule, Store,
     graph::{CONTROL, MAIN_STACK, PROCESS_STACK},
     releases::SET_PENDING,
-    system::misconfigured,
-    wcet::Functions,
+    system::{System, misconfigured},
 };
 
 /// Registers that the proof rests on. RM0090 table 1, ARMv7-M B3.
@@ -48,16 +47,13 @@ const BYTES_PER_BIT_ALIAS: u32 = 32;
 
 /// The registers with which the stores are compared.
 pub(crate) struct Registers<'a> {
-    pub(crate) image: &'a Image,
-    pub(crate) functions: &'a Functions,
-    pub(crate) config: &'a Config,
-    pub(crate) clock: &'a Clock,
+    pub(crate) system: &'a System<'a>,
 }
 
 impl Registers<'_> {
     /// All stores that are refused.
     pub(crate) fn flaws(&self) -> Vec<Flaw> {
-        let functions = self.functions.values();
+        let functions = self.system.program.functions().values();
         let all = functions.flat_map(|function| {
             let stores = function.stores.iter();
             stores.filter_map(|store| self.flaw(function, store))
@@ -70,7 +66,7 @@ impl Registers<'_> {
 
     /// Entries of `schedule.toml` that would let anybody store anywhere.
     fn unlimited(&self) -> impl Iterator<Item = Flaw> {
-        let entries = self.config.register.iter();
+        let entries = self.system.config.register.iter();
         let entries = entries.filter(|it| {
             // Anybody may pend vectors: `releases` says of each task which.
             let is_anybody = it.by.iter().any(String::is_empty);
@@ -91,8 +87,8 @@ impl Registers<'_> {
     /// Writes of the processor's registers that choose the stack and take privileges: the depth of the stack and
     /// the masks of interrupts rest on them. What is exempt has to see to them itself.
     fn specials(&self) -> Vec<Flaw> {
-        let functions = self.functions.values();
-        let counted = functions.filter(|it| self.config.exemption(&it.name).is_none());
+        let functions = self.system.program.functions().values();
+        let counted = functions.filter(|it| self.system.config.exemption(&it.name).is_none());
         let instructions =
             counted.flat_map(|function| function.instructions().map(move |it| (function, it)));
         let flaws = instructions.filter_map(|(function, instruction)| {
@@ -109,7 +105,7 @@ impl Registers<'_> {
                 Flaw::new(
                     Rule::Register,
                     format!("a write of {name}: the depth of the stack and the locks rest on it"),
-                    self.image.place(instruction.address),
+                    self.system.image.place(instruction.address),
                     "Leave it out: all tasks run privileged, on the main stack.",
                 )
             })
@@ -125,7 +121,7 @@ impl Registers<'_> {
         Some(Flaw::new(
             Rule::Register,
             what,
-            self.image.place(store.at),
+            self.system.image.place(store.at),
             remedy,
         ))
     }
@@ -146,8 +142,8 @@ impl Registers<'_> {
         if from == FLASH_ACCESS && !BIT_BAND_ALIASES.contains(&to) {
             return self.flash_access(function, store);
         }
-        let frames = self.image.frames(store.at);
-        let mut allowed = self.config.register.iter();
+        let frames = self.system.image.frames(store.at);
+        let mut allowed = self.system.config.register.iter();
         if allowed.any(|it| is_within(it.from, it.to) && is_by(&it.by, function, &frames)) {
             return None;
         }
@@ -161,16 +157,20 @@ impl Registers<'_> {
 
     /// The same for the access control of the flash. What is not known must be followed by what is.
     fn flash_access(&self, function: &Function, store: &Store) -> Option<(String, String)> {
-        let prefetch = if self.clock.prefetch { PREFETCH } else { 0 };
-        let expected = self.clock.flash_wait_states as u32 | prefetch | INSTRUCTION_CACHE;
+        let prefetch = if self.system.clock.prefetch {
+            PREFETCH
+        } else {
+            0
+        };
+        let expected = self.system.clock.flash_wait_states as u32 | prefetch | INSTRUCTION_CACHE;
         let remedy = format!(
             "Write a constant of which the bits {FLASH_ACCESS_TIMES:#x} are {expected:#x}, as the \
              clock in `schedule.toml` says."
         );
         let Some(value) = store.value else {
             let what = "something that is not known is written to the access control of the flash";
-            let frames = self.image.frames(store.at);
-            let mut allowed = self.config.register.iter();
+            let frames = self.system.image.frames(store.at);
+            let mut allowed = self.system.config.register.iter();
             let is_allowed = allowed.any(|it| {
                 it.from <= FLASH_ACCESS && FLASH_ACCESS < it.to && is_by(&it.by, function, &frames)
             });
@@ -189,13 +189,13 @@ impl Registers<'_> {
 
     /// The flaw of a store to an unknown address.
     fn to_computed(&self, store: &Store) -> Option<(String, String)> {
-        let frames = self.image.frames(store.at);
+        let frames = self.system.image.frames(store.at);
         let is_suspect = match store.region {
             Region::Ahb | Region::Apb1 | Region::Apb2 | Region::Private => true,
             Region::Unknown => frames.iter().any(is_volatile),
             Region::Flash | Region::Sram | Region::Ccm | Region::Uncosted => false,
         };
-        let mut allowed = self.config.register.iter().filter(|it| it.computed);
+        let mut allowed = self.system.config.register.iter().filter(|it| it.computed);
         let is_allowed = allowed.any(|it| {
             let is_there = store.region == Region::Unknown || Region::of(it.from) == store.region;
             is_there && is_inlined(&it.by, &frames)
@@ -216,8 +216,8 @@ impl Registers<'_> {
 
     /// Accesses whose time is not known, outside of what is exempt.
     fn uncosted(&self) -> Vec<Flaw> {
-        let functions = self.functions.values();
-        let counted = functions.filter(|it| self.config.exemption(&it.name).is_none());
+        let functions = self.system.program.functions().values();
+        let counted = functions.filter(|it| self.system.config.exemption(&it.name).is_none());
         let accesses: BTreeSet<u32> = counted
             .flat_map(|function| &function.regions)
             .filter(|(_, region)| **region == Region::Uncosted)
@@ -227,7 +227,7 @@ impl Registers<'_> {
             Flaw::new(
                 Rule::UncostedAccess,
                 "an access to an alias of a bit, to USB or to external memory: the model has no time for it",
-                self.image.place(at),
+                self.system.image.place(at),
                 "Read and write the whole word at its own address, or use a register that sets bits.",
             )
         });

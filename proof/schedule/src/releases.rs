@@ -8,11 +8,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    App, AppTask, Config, Flaw, Function, Image, Place, Program, Rule, Store,
+    AppTask, Config, Flaw, Function, Image, Place, Rule, Store,
     config::{ControlConfig, FlagConfig},
     crosscheck::FIRST_INTERRUPT,
     registers::word_of_alias,
-    system::misconfigured,
+    system::{System, misconfigured},
 };
 
 /// The registers that pend vectors, a bit each, and the one to which the number is written: ARMv7-M B3.4.
@@ -26,32 +26,32 @@ const PERIPHERAL_BYTES: u32 = 0x400;
 
 /// What the releases are read from.
 pub(crate) struct Releases<'a> {
-    pub(crate) program: &'a Program<'a>,
-    pub(crate) app: &'a App,
-    pub(crate) config: &'a Config,
+    pub(crate) system: &'a System<'a>,
 }
 
 /// The tasks that each task releases, by their names.
 pub(crate) type Graph = BTreeMap<String, BTreeSet<String>>;
 
 impl Releases<'_> {
-    const fn image(&self) -> &Image {
-        self.program.image
-    }
-
     /// The graph, and all that is wrong.
     pub(crate) fn flaws(&self) -> (Graph, Vec<Flaw>) {
         let mut graph = Graph::new();
         let mut flaws = Vec::new();
-        for task in self.app.tasks.iter().filter(|task| task.priority > 0) {
+        for task in self
+            .system
+            .app
+            .tasks
+            .iter()
+            .filter(|task| task.priority > 0)
+        {
             let released = graph.entry(task.name.clone()).or_default();
-            let has_deadline = { self.config.task.get(&task.name) }
+            let has_deadline = { self.system.config.task.get(&task.name) }
                 .is_some_and(|config| config.undeadlined.is_none());
             for handler in self.handlers(task) {
                 for (store, other) in self.pended(handler) {
                     let is_new = released.insert(other.name.clone());
                     if is_new && has_deadline && !self.is_allowed(task, other) {
-                        flaws.push(undeclared(task, other, self.image().place(store.at)));
+                        flaws.push(undeclared(task, other, self.system.image.place(store.at)));
                     }
                 }
                 if has_deadline && self.always_pends(handler, task) {
@@ -59,33 +59,38 @@ impl Releases<'_> {
                 }
             }
         }
-        let flags = self.config.flag.iter();
+        let flags = self.system.config.flag.iter();
         flaws.extend(flags.filter_map(|flag| self.uncleared(flag)));
-        let controls = self.config.control.iter();
+        let controls = self.system.config.control.iter();
         flaws.extend(controls.flat_map(|control| self.of_control(control)));
         (graph, flaws)
     }
 
     fn handlers(&self, task: &AppTask) -> BTreeSet<u32> {
-        handlers(self.image(), self.config, task)
+        handlers(self.system.image, self.system.config, task)
     }
 
     /// Whether `schedule.toml` says that a task may release another.
     fn is_allowed(&self, task: &AppTask, other: &AppTask) -> bool {
-        let config = self.config.task.get(&task.name);
+        let config = self.system.config.task.get(&task.name);
         config.is_some_and(|config| config.releases.contains(&other.name))
     }
 
     /// The stores of a handler, and of what it calls, that pend a task.
     fn pended(&self, handler: u32) -> Vec<(&Store, &AppTask)> {
-        let reached = self.program.reached(handler);
-        let functions = reached.filter(|it| self.config.exemption(&it.name).is_none());
+        let reached = self.system.program.reached(handler);
+        let functions = reached.filter(|it| self.system.config.exemption(&it.name).is_none());
         let stores = functions.flat_map(|function| &function.stores);
         let pended = stores.flat_map(|store| {
             let slots = slots(store);
-            let tasks = self.app.tasks.iter().filter(|task| task.priority > 0);
+            let tasks = self
+                .system
+                .app
+                .tasks
+                .iter()
+                .filter(|task| task.priority > 0);
             let tasks = tasks.filter(move |task| {
-                let vectors = self.image().vectors();
+                let vectors = self.system.image.vectors();
                 let handlers = self.handlers(task);
                 let mut slots = slots.iter();
                 slots.any(|slot| {
@@ -109,7 +114,7 @@ impl Releases<'_> {
 
     /// Whether every way through a function, and what it calls, executes one of some instructions.
     fn passes(&self, address: u32, instructions: &BTreeSet<u32>) -> bool {
-        let Some(function) = self.program.function(address) else {
+        let Some(function) = self.system.program.function(address) else {
             return false;
         };
         let judge = |block: usize| {
@@ -129,12 +134,14 @@ impl Releases<'_> {
 
     /// A handler that does not read the flag which released it, or does not clear it.
     fn uncleared(&self, flag: &FlagConfig) -> Option<Flaw> {
-        let handler = self.image().symbol(&flag.vector)?;
+        let handler = self.system.image.symbol(&flag.vector)?;
         // Another board may have another peripheral, and the same handler for its vector.
-        if Some(handler) == self.image().symbol("DefaultHandler") || !self.is_used(flag.register) {
+        if Some(handler) == self.system.image.symbol("DefaultHandler")
+            || !self.is_used(flag.register)
+        {
             return None;
         }
-        let functions: Vec<&Function> = self.program.reached(handler).collect();
+        let functions: Vec<&Function> = self.system.program.reached(handler).collect();
         let accesses = |register: u32| {
             let all = functions.iter().flat_map(|function| &function.addresses);
             let of_register = all.filter(move |(_, to)| **to == register);
@@ -161,7 +168,7 @@ impl Releases<'_> {
         Some(Flaw::new(
             Rule::Release,
             what,
-            self.image().place(handler),
+            self.system.image.place(handler),
             "Read the flag in each run, and clear it.",
         ))
     }
@@ -169,7 +176,7 @@ impl Releases<'_> {
     /// Whether the program uses the peripheral that has a register.
     fn is_used(&self, register: u32) -> bool {
         let first = register & !(PERIPHERAL_BYTES - 1);
-        let functions = self.program.functions().values();
+        let functions = self.system.program.functions().values();
         let mut accessed = functions.flat_map(|function| function.addresses.values());
         accessed.any(|to| (first..first + PERIPHERAL_BYTES).contains(to))
     }
@@ -177,7 +184,7 @@ impl Releases<'_> {
     /// Stores to a register other than those of the values that it may have.
     fn of_control(&self, control: &ControlConfig) -> Vec<Flaw> {
         let values: Result<Vec<u32>, String> = { control.values.iter() }
-            .map(|formula| Ok(self.config.constant(formula)? as u32))
+            .map(|formula| Ok(self.system.config.constant(formula)? as u32))
             .collect();
         let values = match values {
             Ok(values) => values,
@@ -189,7 +196,7 @@ impl Releases<'_> {
     }
 
     fn of_register(&self, control: &ControlConfig, register: u32, values: &[u32]) -> Vec<Flaw> {
-        let functions = self.program.functions().values();
+        let functions = self.system.program.functions().values();
         let stores = functions.flat_map(|it| it.stores.iter().map(move |store| (it, store)));
         let own: Vec<_> = stores.filter(|(_, store)| is_to(store, register)).collect();
         // Without a mask the value is claimed: that of a reset is another.
@@ -209,7 +216,7 @@ impl Releases<'_> {
             Some(Flaw::new(
                 Rule::Release,
                 wrong_value(control, register, value, values, function),
-                self.image().place(store.at),
+                self.system.image.place(store.at),
                 "Write what the `[[control]]` in `schedule.toml` names, as a constant.",
             ))
         });

@@ -126,6 +126,15 @@ pub struct UndeadlinedWait {
     pub cycles: Option<u64>,
 }
 
+impl UndeadlinedWait {
+    /// The time in µs at a clock; infinite without a bound.
+    #[must_use]
+    pub fn us(&self, clock_hz: u64) -> f64 {
+        let us = |cycles| cycles as f64 * 1e6 / clock_hz as f64;
+        self.cycles.map_or(f64::INFINITY, us)
+    }
+}
+
 /// The tasks without a deadline: their loops, and what they take besides.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct TasksWithoutDeadline {

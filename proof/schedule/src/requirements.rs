@@ -26,16 +26,27 @@ pub(crate) fn of(
     (required, flaws)
 }
 
+fn new(what: &str, unit: &str, required: f64, found: f64, is_met: bool) -> Requirement {
+    Requirement {
+        what: what.to_owned(),
+        unit: unit.to_owned(),
+        required,
+        found,
+        is_met,
+    }
+}
+
 fn rate(report: &Report, (required, baud): (u32, u32)) -> Requirement {
     let rates = &report.proven_step_rate_hz;
     let found = rates.get(&baud.to_string()).copied().unwrap_or(0);
-    Requirement {
-        what: format!("step rate at {baud} baud"),
-        unit: "Hz".to_owned(),
-        required: required.into(),
-        found: found.into(),
-        is_met: found >= required,
-    }
+    let what = format!("step rate at {baud} baud");
+    new(
+        &what,
+        "Hz",
+        required.into(),
+        found.into(),
+        found >= required,
+    )
 }
 
 /// How long tasks without deadlines may wait, if that is limited.
@@ -44,71 +55,51 @@ fn wait(config: &Config, report: &Report, point: (u32, u32)) -> Option<Requireme
     let most = *config.require.undeadlined_wait_us.get(&baud.to_string())?;
     let mut waits = report.undeadlined_waits.iter();
     let wait = waits.find(|it| (it.step_rate_hz, it.baud) == point);
-    let found = wait
-        .and_then(|it| it.cycles)
-        .map_or(f64::INFINITY, |cycles| {
-            cycles as f64 * 1e6 / report.clock_hz as f64
-        });
-    Some(Requirement {
-        what: format!("wait without a deadline at {step_rate_hz} Hz and {baud} baud"),
-        unit: "µs".to_owned(),
-        required: most,
-        found: found.round(),
-        is_met: found <= most,
-    })
+    let found = wait.map_or(f64::INFINITY, |it| it.us(report.clock_hz));
+    let what = format!("wait without a deadline at {step_rate_hz} Hz and {baud} baud");
+    Some(new(&what, "µs", most, found.round(), found <= most))
 }
 
 /// How long tasks with deadlines may keep `idle` from feeding the watchdog, at any of the rates.
 fn watchdog(config: &Config, report: &Report) -> Option<Requirement> {
     let most = config.program.watchdog_us?;
-    let waits = report.undeadlined_waits.iter().map(|it| {
-        it.cycles.map_or(f64::INFINITY, |cycles| {
-            cycles as f64 * 1e6 / report.clock_hz as f64
-        })
-    });
-    let found = waits.fold(0.0, f64::max);
-    Some(Requirement {
-        what: "wait of the watchdog for tasks with deadlines".to_owned(),
-        unit: "µs".to_owned(),
-        required: most,
-        found: found.round(),
-        is_met: found > 0.0 && found < most,
-    })
+    let waits = report.undeadlined_waits.iter();
+    let found = waits.fold(0.0, |most, it| f64::max(most, it.us(report.clock_hz)));
+    let what = "wait of the watchdog for tasks with deadlines";
+    let is_met = found > 0.0 && found < most;
+    Some(new(what, "µs", most, found.round(), is_met))
 }
 
 /// The requirements on the step task: edges, time and lines of the cache.
 fn step_task(config: &Config, report: &Report) -> [Requirement; 3] {
     let require = &config.require;
-    let jitter = report.step_edge_jitter_us;
-    let (most, cycles) = (require.step_wcet_cycles, report.step_wcet_cycles);
     let mut tasks = report.tasks.iter();
     let step = tasks.find(|task| task.name == config.table.step_task);
     let lines = step.map_or(0, |task| task.icache_lines);
-    let limit = config.limits.icache_lines;
+    let cycles = (require.step_wcet_cycles, report.step_wcet_cycles);
+    let limits = [
+        (
+            "jitter of a step edge",
+            "µs",
+            require.jitter_us,
+            report.step_edge_jitter_us,
+        ),
+        (
+            "step interrupt with a warm cache",
+            "cycles",
+            cycles.0 as f64,
+            cycles.1 as f64,
+        ),
+        (
+            "instruction cache lines of the step interrupt",
+            "lines",
+            config.limits.icache_lines as f64,
+            lines as f64,
+        ),
+    ];
     // A figure of 0 is none.
-    [
-        Requirement {
-            what: "jitter of a step edge".to_owned(),
-            unit: "µs".to_owned(),
-            required: require.jitter_us,
-            found: jitter,
-            is_met: jitter > 0.0 && jitter <= require.jitter_us,
-        },
-        Requirement {
-            what: "step interrupt with a warm cache".to_owned(),
-            unit: "cycles".to_owned(),
-            required: most as f64,
-            found: cycles as f64,
-            is_met: cycles > 0 && cycles <= most,
-        },
-        Requirement {
-            what: "instruction cache lines of the step interrupt".to_owned(),
-            unit: "lines".to_owned(),
-            required: limit as f64,
-            found: lines as f64,
-            is_met: lines > 0 && lines <= limit,
-        },
-    ]
+    limits
+        .map(|(what, unit, most, found)| new(what, unit, most, found, found > 0.0 && found <= most))
 }
 
 fn unmet(it: &Requirement) -> Flaw {

@@ -9,7 +9,7 @@ use std::{
 use crate::{
     App, AppTask, Cache, Clock, Config, Flaw, Formula, Function, Image, Model, Place, Point,
     Program, Rule, Wcet,
-    config::{self, ModeConfig, TaskConfig, Units},
+    config::{self, ModeConfig, TaskConfig},
     model::LINE_BYTES,
     persistence::{self, Share},
     persistent_window::{PersistentCost, ResidentTasks},
@@ -31,7 +31,7 @@ pub(crate) struct Row {
     /// Functions that are not called in it.
     pub(crate) excluded: BTreeSet<u32>,
     /// When it is released, and must have ended; `None`: it has no deadline.
-    pub(crate) times: Option<Times>,
+    pub(crate) times: Option<ModeConfig>,
     /// The row of which its runs are a special kind: they are among that one's.
     pub(crate) kind_of: Option<usize>,
 }
@@ -47,24 +47,6 @@ impl Row {
         let times: Option<Vec<_>> = self.entries.iter().map(|entry| time(*entry)).collect();
         times?.into_iter().max()
     }
-}
-
-/// Formulas of a row.
-#[derive(Debug, Clone)]
-pub(crate) struct Times {
-    pub(crate) period: Formula,
-    pub(crate) deadline: Formula,
-    rate: Option<Formula>,
-    burst: Option<Formula>,
-    /// Releases that may come together.
-    group: u64,
-    jitter: Option<Formula>,
-    units: Option<Units>,
-    /// Rows that this one lets go first.
-    yields_to: Vec<String>,
-    /// The regime that it belongs to, with its task's name.
-    regime: Option<String>,
-    exclusive_with: Vec<String>,
 }
 
 /// The cost of a row.
@@ -511,7 +493,7 @@ impl<'a> System<'a> {
         let sustained = rate.map(|rate| (rate / self.clock.hclk_hz as f64, burst.unwrap_or(1.0)));
         let arrival = Arrival {
             period: value(&times.period)?,
-            group: times.group,
+            group: times.group.unwrap_or(1),
             sustained,
             jitter: times.jitter.as_ref().map_or(Ok(0.0), value)?,
         };
@@ -524,40 +506,26 @@ pub(crate) fn calls_name(function: &str) -> String {
     format!("calls of {function}")
 }
 
-fn times(config: &TaskConfig) -> Option<Times> {
-    Some(Times {
+/// The times of a task whose runs are all of one kind.
+fn times(config: &TaskConfig) -> Option<ModeConfig> {
+    Some(ModeConfig {
         period: config.period.clone()?,
         deadline: config.deadline.clone()?,
         rate: config.rate.clone(),
         burst: config.burst.clone(),
-        group: config.group.unwrap_or(1),
-        jitter: None,
-        units: None,
-        yields_to: Vec::new(),
-        regime: None,
-        exclusive_with: Vec::new(),
+        group: config.group,
+        ..ModeConfig::default()
     })
 }
 
-fn mode_times(task: &str, mode: &ModeConfig) -> Times {
-    let rows = |modes: &[String]| {
-        let names = modes.iter().map(|name| format!("{task}: {name}"));
-        names.collect()
-    };
-    Times {
-        period: mode.period.clone(),
-        deadline: mode.deadline.clone(),
-        rate: mode.rate.clone(),
-        burst: mode.burst.clone(),
-        group: mode.group.unwrap_or(1),
-        jitter: mode.jitter.clone(),
-        units: mode.units.clone(),
-        yields_to: rows(&mode.yields_to),
-        regime: mode
-            .regime
-            .as_ref()
-            .map(|regime| format!("{task}: {regime}")),
-        exclusive_with: rows(&mode.exclusive_with),
+/// The times of a mode, in which other modes and regimes have the names of their rows.
+fn mode_times(task: &str, mode: &ModeConfig) -> ModeConfig {
+    let of_task = |name: &String| format!("{task}: {name}");
+    ModeConfig {
+        yields_to: mode.yields_to.iter().map(of_task).collect(),
+        exclusive_with: mode.exclusive_with.iter().map(of_task).collect(),
+        regime: mode.regime.as_ref().map(of_task),
+        ..mode.clone()
     }
 }
 

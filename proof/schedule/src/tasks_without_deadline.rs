@@ -14,6 +14,7 @@ use crate::{
     bounds::source_function,
     config::{Watchdog, is_named},
     findings,
+    loops::DepthFirst,
     stack::{self, pointer},
     startup,
     system::{System, misconfigured},
@@ -276,26 +277,8 @@ fn unroll(function: &mut Function) {
 
 /// The back edges of a function that belong to no natural loop.
 fn back_edges(function: &Function) -> BTreeSet<(usize, usize)> {
-    let mut is_open = vec![false; function.blocks.len()];
-    let mut is_seen = is_open.clone();
-    let mut back = BTreeSet::new();
-    let mut work = vec![(0, 0)];
-    while let Some((block, next)) = work.pop() {
-        let Some(it) = function.blocks.get(block) else {
-            continue;
-        };
-        (is_open[block], is_seen[block]) = (true, true);
-        let Some(edge) = it.successors.get(next) else {
-            is_open[block] = false;
-            continue;
-        };
-        work.push((block, next + 1));
-        if is_open[edge.to] {
-            back.insert((block, edge.to));
-        } else if !is_seen[edge.to] {
-            work.push((edge.to, 0));
-        }
-    }
+    let search = DepthFirst::search(&function.blocks);
+    let mut back: BTreeSet<(usize, usize)> = search.back.into_iter().collect();
     for looped in &function.loops {
         back.retain(|(from, to)| *to != looped.head || !looped.back.contains(from));
     }

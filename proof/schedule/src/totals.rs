@@ -97,9 +97,7 @@ impl EntryCounts<'_> {
         let mut open = Budgets::new();
         let mut graph = wcets.graph(function, Cache::Warm, &mut open, |_| true)?;
         for (block, cost) in function.blocks.iter().zip(&mut graph.costs) {
-            let call = block
-                .returning_call()
-                .filter(|call| !wcets.excluded.contains(call));
+            let call = wcets.callee(block);
             *cost = call.map_or(0, |call| self.of(call));
         }
         let counts =

@@ -14,7 +14,7 @@ use std::{
 use crate::{
     Block, Cache, Count, Function, Instruction, Loop, Model, Region,
     budget::{ALL_CALLS, Budget, Budgets, Open, add_open, budget},
-    loops::is_on_every_path,
+    loops::in_runs,
     model::{self, CACHE_LINES},
     paths::{Duals, Graph, Longest, LoopPaths},
     persistence::{PersistentLoops, Share},
@@ -89,16 +89,22 @@ impl<'a> Wcets<'a> {
         }
     }
 
+    /// The function that a block calls, if it returns and is not excluded.
+    pub(crate) fn callee(&self, block: &Block) -> Option<u32> {
+        let call = block.returning_call();
+        call.filter(|call| !self.excluded.contains(call))
+    }
+
     /// The functions that a root calls, directly or not, with the root itself, but without
     /// functions that never return.
     pub(crate) fn reach(&self, root: u32) -> BTreeSet<u32> {
         let called = |at: u32| {
-            let calls = self
+            let blocks = self
                 .functions
                 .get(&at)
                 .into_iter()
-                .flat_map(Function::returning_calls);
-            calls.filter(|call| !self.excluded.contains(call))
+                .flat_map(|it| &it.blocks);
+            blocks.filter_map(|block| self.callee(block))
         };
         reachable([root], called)
     }
@@ -133,7 +139,9 @@ impl<'a> Wcets<'a> {
         let mut bound = Bound::default();
         let graph = self.graph(function, cache, &mut bound.open, |_| true)?;
         let longest = graph.longest()?;
-        bound.path = longest.cost + self.first_fetch(function, cache);
+        let persistent = self.persistent(function, cache);
+        bound.path =
+            longest.cost + self.edge_cost(function, persistent.as_deref(), cache, None, (0, false));
         add_iterations(&mut bound.open, function, &graph, &longest);
         let iterations = longest.iterations.into_iter();
         bound.iterations = iterations
@@ -150,21 +158,6 @@ impl<'a> Wcets<'a> {
         Some(graph.duals())
     }
 
-    /// The cost of fetching the first block.
-    fn first_fetch(&self, function: &Function, cache: Cache) -> u64 {
-        match cache {
-            Cache::Warm | Cache::Cold => 0,
-            Cache::Uncached => function
-                .blocks
-                .first()
-                .map_or(0, |block| self.fetches(block)),
-            Cache::Loops | Cache::Shared => {
-                let persistent = self.persistent_loops(function);
-                self.edge_cost(function, &persistent, cache, None, 0, false)
-            }
-        }
-    }
-
     /// The persistent loops of a function.
     pub(crate) fn persistent_loops(&self, function: &Function) -> Rc<PersistentLoops> {
         if let Some(known) = self.loops.borrow().get(&function.address) {
@@ -177,28 +170,33 @@ impl<'a> Wcets<'a> {
         persistent
     }
 
-    /// The cost of the edge into a block, without the block, with persistent loops.
+    fn persistent(&self, function: &Function, cache: Cache) -> Option<Rc<PersistentLoops>> {
+        let has_persistent = matches!(cache, Cache::Loops | Cache::Shared);
+        has_persistent.then(|| self.persistent_loops(function))
+    }
+
+    /// The cost of the edge into a block, without the block: that of its fetches.
     fn edge_cost(
         &self,
         function: &Function,
-        persistent: &PersistentLoops,
+        persistent: Option<&PersistentLoops>,
         cache: Cache,
         from: Option<usize>,
-        to: usize,
-        is_taken: bool,
+        (to, is_taken): (usize, bool),
     ) -> u64 {
         let refill = if is_taken { self.model.refill() } else { 0 };
-        let next = &function.blocks[to];
-        let before = from.and_then(|from| persistent.of_block[from]);
-        let share = if cache == Cache::Shared {
-            self.share
-        } else {
-            Share::default()
+        let share = match cache {
+            Cache::Warm | Cache::Cold => return refill,
+            Cache::Uncached | Cache::Loops => Share::default(),
+            Cache::Shared => self.share,
         };
+        let next = &function.blocks[to];
+        let looped = |block: usize| persistent.and_then(|it| Some((it.of_block[block]?, it)));
+        let before = from.and_then(looped).map(|(one, _)| one);
         refill
-            + match persistent.of_block[to] {
-                Some(one) if before == Some(one) => 0,
-                Some(one) => self.model.miss() * persistent.lines[&one] + share.of_visit,
+            + match looped(to) {
+                Some((one, _)) if before == Some(one) => 0,
+                Some((one, it)) => self.model.miss() * it.lines[&one] + share.of_visit,
                 None => {
                     let falls = from.filter(|from| {
                         !is_taken && before.is_none() && function.blocks[*from].call.is_none()
@@ -226,52 +224,27 @@ impl<'a> Wcets<'a> {
         is_wanted: impl Fn(usize) -> bool,
     ) -> Option<Graph> {
         let mut graph = Graph::default();
-        let persistent = match cache {
-            Cache::Loops | Cache::Shared => Some(self.persistent_loops(function)),
-            Cache::Warm | Cache::Cold | Cache::Uncached => None,
-        };
+        let persistent = self.persistent(function, cache);
+        let persistent = persistent.as_deref();
         for (index, block) in function.blocks.iter().enumerate() {
             let is_excluded = block.call.is_some_and(|call| self.excluded.contains(&call));
             let is_out = is_excluded || !is_wanted(index);
-            let is_persistent = persistent
-                .as_ref()
-                .is_some_and(|persistent| persistent.of_block[index].is_some());
-            graph.costs.push(match cache {
-                _ if is_out => 0,
-                Cache::Loops | Cache::Shared if is_persistent => {
-                    self.block(function, block, Cache::Warm, open)?
-                }
-                _ => self.block(function, block, cache, open)?,
+            let is_persistent = persistent.is_some_and(|it| it.of_block[index].is_some());
+            let inside = if is_persistent { Cache::Warm } else { cache };
+            graph.costs.push(if is_out {
+                0
+            } else {
+                self.block(function, block, inside, open)?
             });
             graph.ends.push(block.ends && !is_out);
             let edges = block.successors.iter();
             let edges = edges.filter(|edge| !is_out && is_wanted(edge.to));
             let edges = edges.map(|edge| {
-                if let Some(persistent) = &persistent {
-                    let cost = self.edge_cost(
-                        function,
-                        persistent,
-                        cache,
-                        Some(index),
-                        edge.to,
-                        edge.is_taken,
-                    );
-                    return (edge.to, cost);
-                }
-                let mut cost = if edge.is_taken {
-                    self.model.refill()
-                } else {
-                    0
-                };
-                let next = &function.blocks[edge.to];
-                if cache == Cache::Uncached {
-                    cost += if edge.is_taken || block.call.is_some() {
-                        self.fetches(next)
-                    } else {
-                        model::new_lines(block, next) * self.model.miss()
-                    };
-                }
-                (edge.to, cost)
+                let to = (edge.to, edge.is_taken);
+                (
+                    edge.to,
+                    self.edge_cost(function, persistent, cache, Some(index), to),
+                )
             });
             graph.edges.push(edges.collect());
         }
@@ -288,23 +261,17 @@ impl<'a> Wcets<'a> {
     }
 
     fn loop_paths(&self, function: &Function, looped: &Loop) -> Option<LoopPaths> {
-        let total = looped
-            .total
-            .as_ref()
-            .map(|total| self.number(&total.bound.count));
-        let (total, most) = match total {
-            Some(total) => (Some(total?), None),
+        let (total, most) = match &looped.total {
+            Some(total) => (Some(self.number(&total.bound.count)?), None),
             None => (None, Some(looped.most(self.named, &self.varied)?)),
         };
         let blocks = 0..function.blocks.len();
-        let in_runs = looped.total.as_ref().map(|total| &total.in_runs);
-        let in_runs = in_runs.filter(|in_runs| is_on_every_path(function, looped, in_runs));
         Some(LoopPaths {
             head: looped.head,
             blocks: blocks.map(|block| looped.blocks.contains(&block)).collect(),
             most,
             total,
-            in_runs: in_runs.cloned().unwrap_or_default(),
+            in_runs: in_runs(function, looped).cloned().unwrap_or_default(),
         })
     }
 
@@ -324,24 +291,22 @@ impl<'a> Wcets<'a> {
         let instructions = block.instructions.iter();
         let mut cycles: u64 = instructions.map(|at| self.cycles(function, at)).sum();
         let refill = self.model.refill();
-        match block.call {
-            Some(call) if !block.traps && !self.excluded.contains(&call) => {
-                let callee = self.bound(call, cache)?;
-                for (budget, one) in &callee.open {
-                    add_open(open, budget.clone(), *one);
-                }
-                let cost = callee.path + refill;
-                match self.limited.get(&call) {
-                    Some(most) => {
-                        let place = (call, ALL_CALLS);
-                        let times = (*most)?;
-                        add_open(open, Budget::Own(place), Open { times, cost, place });
-                    }
-                    None => cycles += cost,
-                }
+        let Some(call) = self.callee(block) else {
+            let is_return = block.ends && block.call.is_none();
+            return Some(cycles + if is_return { refill } else { 0 });
+        };
+        let callee = self.bound(call, cache)?;
+        for (budget, one) in &callee.open {
+            add_open(open, budget.clone(), *one);
+        }
+        let cost = callee.path + refill;
+        match self.limited.get(&call) {
+            Some(most) => {
+                let place = (call, ALL_CALLS);
+                let times = (*most)?;
+                add_open(open, Budget::Own(place), Open { times, cost, place });
             }
-            None if block.ends => cycles += refill,
-            _ => {}
+            None => cycles += cost,
         }
         Some(cycles)
     }
@@ -390,10 +355,7 @@ impl<'a> Wcets<'a> {
     pub(crate) fn touched_by_blocks(&self, function: &Function) -> Vec<BTreeSet<u32>> {
         let blocks = function.blocks.iter().map(|block| {
             let mut lines: BTreeSet<u32> = model::lines(block).collect();
-            if let Some(call) = block
-                .returning_call()
-                .filter(|call| !self.excluded.contains(call))
-            {
+            if let Some(call) = self.callee(block) {
                 lines.extend(self.lines(call).iter());
             }
             lines
@@ -437,10 +399,8 @@ impl<'a> Wcets<'a> {
             *block_counts.entry((address, block)).or_default() += times * count;
             let function = self.functions.get(&address);
             let block = function.and_then(|function| function.blocks.get(block));
-            let call = block.and_then(Block::returning_call);
-            let is_counted =
-                |call: &u32| !self.excluded.contains(call) && !self.limited.contains_key(call);
-            if let Some(call) = call.filter(is_counted) {
+            let call = block.and_then(|block| self.callee(block));
+            if let Some(call) = call.filter(|call| !self.limited.contains_key(call)) {
                 self.count(call, cache, times * count, None, block_counts);
             }
         }

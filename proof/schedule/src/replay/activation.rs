@@ -56,10 +56,6 @@ impl Sections {
                 .map(|open| (open.site, before + site.cycles - open.cycles)),
         }
     }
-
-    pub(super) fn clear(&mut self) {
-        self.0.clear();
-    }
 }
 
 /// See the module.
@@ -105,23 +101,18 @@ pub(super) enum Excess {
 impl Activation {
     /// Begins anew.
     pub(super) fn begin(&mut self, loops: usize) {
-        self.spent = Spent::default();
-        self.previous = None;
-        self.calls.clear();
-        self.excluded = 0;
-        self.preemptions = 0;
-        self.uses_float = false;
-        self.line = None;
-        self.sections.clear();
-        for numbers in [&mut self.runs, &mut self.totals, &mut self.met] {
-            numbers.clear();
-            numbers.resize(loops, 0);
-        }
-        self.counted.clear();
-        self.depth = 0;
-        self.deepest = 0;
-        self.is_vague = false;
-        self.base = None;
+        let cleared = |numbers: &mut Vec<u64>| {
+            let mut cleared = std::mem::take(numbers);
+            cleared.clear();
+            cleared.resize(loops, 0);
+            cleared
+        };
+        *self = Self {
+            runs: cleared(&mut self.runs),
+            totals: cleared(&mut self.totals),
+            met: cleared(&mut self.met),
+            ..Self::default()
+        };
     }
 
     /// A call is made.

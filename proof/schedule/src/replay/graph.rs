@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use super::Plan;
 use crate::{
-    Address, Block, Bound, Count, Function, Instruction, Model, Operation, Region, raises, restores,
+    Address, Bound, Count, Function, Instruction, Model, Operation, Region, raises, restores,
 };
 
 /// The effect of an instruction on the sections in which tasks are held up.
@@ -219,7 +219,7 @@ impl Graph {
         for (index, block) in function.blocks.iter().enumerate() {
             let mut steps = Vec::new();
             for edge in &block.successors {
-                let to = start(&function.blocks[edge.to]);
+                let to = function.blocks[edge.to].start();
                 let part = |inside: bool| {
                     headed(edge.to)
                         .filter(|(_, looped)| looped.blocks.contains(&index) == inside)
@@ -245,10 +245,7 @@ impl Site {
     fn new(instruction: &Instruction, region: Region, model: &Model) -> Self {
         let (deeper, on_stack) = stack_effect(&instruction.operation);
         Self {
-            address: instruction.address,
             end: instruction.end(),
-            node: None,
-            next: None,
             instruction: Some(*instruction),
             region,
             cycles: model.cycles(instruction, region),
@@ -258,11 +255,7 @@ impl Site {
             gate: gate(instruction),
             deeper,
             on_stack,
-            handler: None,
-            excludes: 0,
-            limit: None,
-            in_run: None,
-            tasks: 0,
+            ..Self::undecoded(instruction.address)
         }
     }
 
@@ -313,7 +306,7 @@ impl FollowedLoop {
             block.instructions.iter()
         });
         Ok(Self {
-            head: start(&function.blocks[looped.head]),
+            head: function.blocks[looped.head].start(),
             bound: bound.transpose()?,
             total: total.transpose()?,
             budget: usize::MAX,
@@ -328,11 +321,6 @@ impl FollowedLoop {
                 .any(|one| matches!(one.operation, Operation::StoreExclusive { .. })),
         })
     }
-}
-
-/// The address of a block.
-pub(super) fn start(block: &Block) -> u32 {
-    block.instructions.first().map_or(0, |first| first.address)
 }
 
 fn gate(instruction: &Instruction) -> Gate {

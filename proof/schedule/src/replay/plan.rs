@@ -1,11 +1,8 @@
 //! The tasks and sections to be followed.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    fs,
-};
+use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{Annotations, App, Config, Function, Image, Input, Model, Program, system::System};
+use crate::{Function, Input, Model, Program, analyse::Sources, system::System};
 
 /// The emulated board has no step timer and no watchdog. These handlers stand for the hardware; they preempt
 /// tasks, so they are followed too, but nothing is asked of them.
@@ -56,15 +53,9 @@ impl Plan {
     ///
     /// When a file cannot be read or understood.
     pub fn read(input: &Input<'_>) -> Result<Self, String> {
-        let read = |name: &str| {
-            let path = input.root.join(name);
-            fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
-        };
-        let app = App::parse(&read("src/app.rs")?)?;
-        let image = Image::load(input.elf).map_err(|error| error.to_string())?;
-        let config = Config::parse(&read("schedule.toml")?)?.of_program(&image, &input.clock)?;
-        let annotations = Annotations::read(input.root).map_err(|error| error.to_string())?;
-        let program = Program::new(&image, &annotations);
+        let sources = Sources::read(input)?;
+        let (app, config) = (&sources.app, &sources.config);
+        let program = Program::new(&sources.image, &sources.annotations);
         let clock = input.clock;
         let mut model = Model::new(&clock);
         if let Some(measured) = &input.measured {
@@ -72,8 +63,8 @@ impl Plan {
         }
         let system = System::new(
             &program,
-            &app,
-            &config,
+            app,
+            config,
             (clock, model.clone()),
             input.axes,
             &mut Vec::new(),

@@ -87,20 +87,21 @@ impl Flags {
             2 => self.negative,
             3 => self.overflow,
             // Unsigned higher.
-            4 => match (self.carry, self.zero) {
-                (Some(false), _) | (_, Some(true)) => Some(false),
-                (Some(true), Some(false)) => Some(true),
-                _ => None,
-            },
+            4 => self.unless_zero(self.carry),
             5 => self.is_not_less(),
-            6 => match (self.is_not_less(), self.zero) {
-                (Some(false), _) | (_, Some(true)) => Some(false),
-                (Some(true), Some(false)) => Some(true),
-                _ => None,
-            },
+            6 => self.unless_zero(self.is_not_less()),
             _ => return Some(true),
         };
         positive.map(|positive| positive == (condition & 1 == 0))
+    }
+
+    /// Whether a condition holds, and the result is not zero.
+    const fn unless_zero(self, condition: Option<bool>) -> Option<bool> {
+        match (condition, self.zero) {
+            (Some(false), _) | (_, Some(true)) => Some(false),
+            (Some(true), Some(false)) => Some(true),
+            _ => None,
+        }
     }
 
     fn is_not_less(self) -> Option<bool> {

@@ -11,7 +11,7 @@ use object::{Object, ObjectSection};
 use schedule::Report;
 use serde_json::Value;
 
-use crate::{page, text};
+use crate::{page, project_copy::with_part, text};
 
 const PAGE: &str = "docs/schedule.html";
 const JSON: &str = "docs/schedule.json";
@@ -47,13 +47,7 @@ impl Made {
 
     /// The document with the table in it.
     fn text(&self, old: &str) -> Result<String> {
-        let (head, rest) = old
-            .split_once(BEGIN)
-            .with_context(|| format!("{TEXT} has no line {BEGIN}"))?;
-        let (_, tail) = rest
-            .split_once(END)
-            .with_context(|| format!("{TEXT} has no line {END}"))?;
-        Ok(format!("{head}{BEGIN}{}{END}{tail}", self.block))
+        with_part(TEXT, old, (BEGIN, END), &self.block)
     }
 }
 

@@ -24,7 +24,7 @@ use common::{cargo, ui};
 use firmware::boards::Board;
 use serde::{Deserialize, Serialize};
 
-use crate::project_copy::{self, ProjectCopy};
+use crate::project_copy::{self, ProjectCopy, Texts};
 use fault::{FAULTS, Fault};
 use site::{Draw, Site};
 
@@ -62,16 +62,15 @@ struct Tally {
 /// Makes comments too small, and builds and analyses so many mutants; whether all mutants were found.
 pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result<bool> {
     let mut builder = MutantBuilder::new(board)?;
+    let show = |begin: &str, end: &str, body: &str| {
+        println!("{body}");
+        let shown = write.then(|| project_copy::show(TEXT, begin, end, body));
+        shown.transpose()
+    };
     let body = comments::set_to_one(&builder.copy)?;
-    println!("{body}");
-    if write {
-        project_copy::show(TEXT, BEGIN_COMMENTS, END_COMMENTS, &body)?;
-    }
+    show(BEGIN_COMMENTS, END_COMMENTS, &body)?;
     let (known, are_refused) = known::try_all(&builder.copy)?;
-    println!("{known}");
-    if write {
-        project_copy::show(TEXT, BEGIN_KNOWN, END_KNOWN, &known)?;
-    }
+    show(BEGIN_KNOWN, END_KNOWN, &known)?;
     if count == 0 {
         return Ok(are_refused);
     }
@@ -226,18 +225,12 @@ impl<'a> MutantBuilder<'a> {
     ) -> Result<T> {
         // From the end of a file on: the places of the others stay where they are.
         faults.sort_by_key(|(site, _)| Reverse(site.place()));
-        let mut texts = BTreeMap::new();
+        let mut texts = Texts::new();
         for (site, code) in &faults {
-            let path = self.copy.folder.join(&site.file);
-            let text = fs::read_to_string(&path)?;
-            fs::write(&path, site.with(&text, code))?;
-            texts.entry(path).or_insert(text);
+            let text = self.copy.text(&texts, &site.file)?;
+            texts.insert(site.file.clone(), site.with(&text, code));
         }
-        let result = run(self);
-        for (path, text) in texts {
-            fs::write(path, text)?;
-        }
-        result
+        self.copy.with(&texts, || run(self))
     }
 
     fn keep(&self) -> Result<()> {

@@ -1,6 +1,7 @@
 //! A copy of the project that is changed, built and analysed.
 
 use std::{
+    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
@@ -13,6 +14,9 @@ use schedule::{Clock, Input, Report};
 
 /// Entries at the top of the project that are not compiled.
 const NOT_COPIED: [&str; 2] = ["target", ".git"];
+
+/// Texts of files by the names of the files.
+pub(crate) type Texts = BTreeMap<String, String>;
 
 /// A copy of the project.
 pub(crate) struct ProjectCopy<'a> {
@@ -76,6 +80,29 @@ impl<'a> ProjectCopy<'a> {
         Ok(true)
     }
 
+    /// The text of a file, or the other one that it is to have.
+    pub(crate) fn text(&self, texts: &Texts, file: &str) -> Result<String> {
+        match texts.get(file) {
+            Some(text) => Ok(text.clone()),
+            None => read(&self.folder.join(file)),
+        }
+    }
+
+    /// Has something done with other texts of some files, which are as before afterwards.
+    pub(crate) fn with<T>(&self, texts: &Texts, run: impl FnOnce() -> Result<T>) -> Result<T> {
+        let mut before = Vec::new();
+        for (file, text) in texts {
+            let path = self.folder.join(file);
+            before.push((read(&path)?, path.clone()));
+            fs::write(path, text)?;
+        }
+        let result = run();
+        for (text, path) in before {
+            fs::write(path, text)?;
+        }
+        result
+    }
+
     /// The flashed bytes of the program.
     pub(crate) fn code(&self) -> Result<Vec<u8>> {
         let elf = &self.elf;
@@ -111,16 +138,28 @@ fn copy(from: &Path, to: &Path) -> Result<()> {
     Ok(())
 }
 
+fn read(path: &Path) -> Result<String> {
+    fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
+}
+
 /// Puts a text into a document, between two lines.
 pub(crate) fn show(document: &str, begin: &str, end: &str, body: &str) -> Result<()> {
     let path = cargo::root().join(document);
-    let text = fs::read_to_string(&path).with_context(|| format!("cannot read {document}"))?;
-    let parts = text.split_once(begin).and_then(|(head, rest)| {
-        let (_, tail) = rest.split_once(end)?;
-        Some((head, tail))
-    });
-    let (head, tail) = parts.with_context(|| format!("{document} has no line {begin}"))?;
-    fs::write(&path, format!("{head}{begin}{body}{end}{tail}"))?;
+    let text = with_part(document, &read(&path)?, (begin, end), body)?;
+    fs::write(&path, text)?;
     ui::status("Written", document);
     Ok(())
+}
+
+/// Returns the text of a document with another part between two lines.
+pub(crate) fn with_part(
+    document: &str,
+    text: &str,
+    (begin, end): (&str, &str),
+    part: &str,
+) -> Result<String> {
+    let missing = |line| format!("{document} has no line {line}");
+    let (head, rest) = text.split_once(begin).with_context(|| missing(begin))?;
+    let (_, tail) = rest.split_once(end).with_context(|| missing(end))?;
+    Ok(format!("{head}{begin}{part}{end}{tail}"))
 }

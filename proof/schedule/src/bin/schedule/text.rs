@@ -254,10 +254,10 @@ fn waits(report: &Report) -> String {
         return "unknown".into();
     }
     let waits = report.undeadlined_waits.iter().map(|it| {
-        let us = it
-            .cycles
-            .map(|cycles| cycles as f64 * 1e6 / report.clock_hz as f64);
-        let us = us.map_or("unbounded".into(), |us| format!("{} µs", shown_us(us)));
+        let us = match it.us(report.clock_hz) {
+            f64::INFINITY => "unbounded".to_owned(),
+            us => format!("{} µs", shown_us(us)),
+        };
         let (hz, baud) = (separated(it.step_rate_hz.into()), separated(it.baud.into()));
         format!("{us} at {hz} Hz and {baud} baud")
     });

@@ -1,6 +1,6 @@
 //! Comments that bound loops, all made too small at once: which of them the proof refuses.
 
-use std::{fmt::Write as _, fs};
+use std::fmt::Write as _;
 
 use anyhow::{Error, Result};
 use schedule::{Report, SourceFile};
@@ -20,13 +20,11 @@ pub(super) fn set_to_one(copy: &ProjectCopy<'_>) -> Result<String> {
         let lines = (1..).zip(file.text.lines());
         let stated = lines.filter(|(_, line)| line.contains("// wcet-"));
         comments.extend(stated.map(|(number, _)| format!("{}:{number}", file.name)));
-        fs::write(copy.folder.join(&file.name), with_one(&file.text))?;
     }
-    let after = copy.analyse();
-    for file in &files {
-        fs::write(copy.folder.join(&file.name), &file.text)?;
-    }
-    Ok(outcomes(&comments, &before, &after?))
+    let texts = files.iter();
+    let texts = texts.map(|file| (file.name.clone(), with_one(&file.text)));
+    let after = copy.with(&texts.collect(), || copy.analyse())?;
+    Ok(outcomes(&comments, &before, &after))
 }
 
 /// A text with 1 for each number and name in its comments.

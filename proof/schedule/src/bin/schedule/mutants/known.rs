@@ -1,12 +1,12 @@
 //! Faults that proofs of earlier versions accepted: `proof/schedule/faults.toml`.
 
-use std::{collections::BTreeMap, fmt::Write as _, fs, path::PathBuf};
+use std::{collections::BTreeMap, fmt::Write as _, fs};
 
 use anyhow::{Context, Result, ensure};
 use common::{cargo, ui};
 use serde::Deserialize;
 
-use crate::project_copy::ProjectCopy;
+use crate::project_copy::{ProjectCopy, Texts};
 
 const TABLE: &str = "proof/schedule/faults.toml";
 /// What is found where Cargo refuses a copy.
@@ -35,6 +35,14 @@ struct KnownFault {
     found: String,
     /// Faults of one image are in one copy.
     image: Option<String>,
+}
+
+impl KnownFault {
+    /// Its replacements: file, old, new.
+    fn replacements(&self) -> impl Iterator<Item = [&String; 3]> {
+        let more = self.more.iter().map(|[file, old, new]| [file, old, new]);
+        [[&self.file, &self.old, &self.new]].into_iter().chain(more)
+    }
 }
 
 /// Puts all faults into copies; returns the table by classes, and whether all were refused.
@@ -75,37 +83,28 @@ pub(super) fn try_all(copy: &ProjectCopy<'_>) -> Result<(String, bool)> {
 
 /// What the build and the proof say of a copy with some faults.
 fn said_of(copy: &ProjectCopy<'_>, faults: &[&KnownFault]) -> Result<Vec<String>> {
-    let mut texts: BTreeMap<PathBuf, String> = BTreeMap::new();
+    let mut texts = Texts::new();
     for fault in faults {
-        let more = fault.more.iter().map(|[file, old, new]| [file, old, new]);
-        for [file, old, new] in [[&fault.file, &fault.old, &fault.new]]
-            .into_iter()
-            .chain(more)
-        {
-            let path = copy.folder.join(file);
-            let text = fs::read_to_string(&path).with_context(|| file.clone())?;
+        for [file, old, new] in fault.replacements() {
+            let text = copy.text(&texts, file)?;
             let found = text.matches(old.as_str()).count();
             ensure!(
                 found == 1,
                 "{}: {file} has {found} times what it replaces",
                 fault.name
             );
-            fs::write(&path, text.replacen(old.as_str(), new, 1))?;
-            texts.entry(path).or_insert(text);
+            texts.insert(file.clone(), text.replacen(old.as_str(), new, 1));
         }
     }
-    let said = if copy.build()? {
-        match copy.analyse() {
+    copy.with(&texts, || {
+        if !copy.build()? {
+            return Ok(vec![UNBUILT.to_owned()]);
+        }
+        Ok(match copy.analyse() {
             Ok(report) => report.flaws.into_iter().map(|flaw| flaw.what).collect(),
             Err(error) => vec![error.to_string()],
-        }
-    } else {
-        vec![UNBUILT.to_owned()]
-    };
-    for (path, text) in texts {
-        fs::write(path, text)?;
-    }
-    Ok(said)
+        })
+    })
 }
 
 /// The table by classes.
@@ -133,8 +132,7 @@ mod tests {
         let text = fs::read_to_string(cargo::root().join(TABLE)).unwrap();
         let table: Table = toml::from_str(&text).unwrap();
         for fault in &table.fault {
-            let more = fault.more.iter().map(|[file, old, _]| (file, old));
-            for (file, old) in [(&fault.file, &fault.old)].into_iter().chain(more) {
+            for [file, old, _] in fault.replacements() {
                 let text = fs::read_to_string(cargo::root().join(file)).expect(file);
                 assert_eq!(
                     text.matches(old.as_str()).count(),
