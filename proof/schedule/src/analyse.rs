@@ -379,15 +379,17 @@ impl<'a> Analysis<'a> {
         let response = it.response.map_or("no bound".to_owned(), |response| {
             format!("{:.1} µs", self.us(response as f64))
         });
+        let what = format!(
+            "`{}` may miss its deadline: response time {response}, deadline {:.1} µs",
+            row.name,
+            self.us(it.deadline),
+        );
+        let remedy = "Shorten the task or those that hold it up: see the worst path.";
         Some(Flaw::new(
             Rule::DeadlineMissed,
-            format!(
-                "`{}` may miss its deadline: response time {response}, deadline {:.1} µs",
-                row.name,
-                self.us(it.deadline),
-            ),
+            what,
             row.task.place(),
-            "Shorten the task or those that hold it up: see the worst path.",
+            remedy,
         ))
     }
 
@@ -491,15 +493,12 @@ fn window(demand: &Demand) -> Window {
 }
 
 fn overload(utilisation: f64) -> Flaw {
-    Flaw::new(
-        Rule::DeadlineMissed,
-        format!(
-            "the tasks may take {:.0} % of the processor",
-            utilisation * 100.0
-        ),
-        Place::default(),
-        "Shorten the tasks, or let them run less often.",
-    )
+    let what = format!(
+        "the tasks may take {:.0} % of the processor",
+        utilisation * 100.0
+    );
+    let remedy = "Shorten the tasks, or let them run less often.";
+    Flaw::new(Rule::DeadlineMissed, what, Place::default(), remedy)
 }
 
 /// A task without a deadline must not hold up a task with one.

@@ -96,32 +96,26 @@ pub(crate) fn flaws(system: &System<'_>, named: &BTreeMap<String, u64>) -> Vec<F
         for stated in looped.comments() {
             let origin = &stated.origin;
             if looped.is_believed(named) && stated.reason.is_none() {
-                flaws.push(Flaw::new(
-                    Rule::BelievedBound,
-                    format!("nothing counts a loop, and {origin} does not say why its bound holds"),
-                    place(),
-                    "Let a constant bound it; or give the reason behind the number, `// wcet-bound: N: reason`.",
-                ));
+                let what =
+                    format!("nothing counts a loop, and {origin} does not say why its bound holds");
+                let remedy = "Let a constant bound it; or give the reason behind the number, `// wcet-bound: N: reason`.";
+                flaws.push(Flaw::new(Rule::BelievedBound, what, place(), remedy));
             }
             let Count::Named(name) = &stated.count else {
                 if looped.is_believed(named) {
-                    flaws.push(Flaw::new(
-                        Rule::BelievedBound,
-                        format!("nothing counts a loop, and {origin} bounds it by a number of its own"),
-                        place(),
-                        "Let a constant bound it; or name a constant of the program (src/board/proof_constants.rs), or one \
-                         of [bounds] in `schedule.toml`.",
-                    ));
+                    let what = format!(
+                        "nothing counts a loop, and {origin} bounds it by a number of its own"
+                    );
+                    let remedy = "Let a constant bound it; or name a constant of the program (src/board/proof_constants.rs), or one \
+                         of [bounds] in `schedule.toml`.";
+                    flaws.push(Flaw::new(Rule::BelievedBound, what, place(), remedy));
                 }
                 continue;
             };
             let Some(value) = named.get(name) else {
-                flaws.push(Flaw::new(
-                    Rule::Configuration,
-                    format!("the bound `{name}` at {origin} is not known"),
-                    place(),
-                    "Define it in `schedule.toml`, at [bounds].",
-                ));
+                let what = format!("the bound `{name}` at {origin} is not known");
+                let remedy = "Define it in `schedule.toml`, at [bounds].";
+                flaws.push(Flaw::new(Rule::Configuration, what, place(), remedy));
                 continue;
             };
             let waits = busy_waits::is_busy_wait(all, function, looped);

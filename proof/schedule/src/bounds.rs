@@ -105,12 +105,9 @@ fn unbounded(image: &Image, function: &Function, index: usize) -> Flaw {
     let is_new = |line: &&String| !place.frames.iter().any(|frame| frame.contains(*line));
     let others: Vec<String> = one.lines.iter().filter(is_new).cloned().collect();
     place.frames.extend(others);
-    Flaw::new(
-        Rule::UnboundedLoop,
-        "a loop has no bound",
-        place,
-        "Give it a constant number of runs, or write `// wcet-bound: N` above it.",
-    )
+    let what = "a loop has no bound";
+    let remedy = "Give it a constant number of runs, or write `// wcet-bound: N` above it.";
+    Flaw::new(Rule::UnboundedLoop, what, place, remedy)
 }
 
 /// The smaller of two bounds; a name is compared where it has a value: [`Loop::most`].
@@ -153,13 +150,15 @@ pub(crate) fn wrong(
     };
     let origin = &stated.origin;
     (number < count).then(|| {
-        Flaw::new(
+        let what = format!(
+            "a loop {runs_so} {count} times, but {origin} says that it runs {number} times at most"
+        );
+        let remedy = format!("Correct the comment in {origin}.");
+        image.flaw(
             Rule::WrongBound,
-            format!(
-                "a loop {runs_so} {count} times, but {origin} says that it runs {number} times at most"
-            ),
-            image.place(function.blocks[one.head].start()),
-            format!("Correct the comment in {origin}."),
+            function.blocks[one.head].start(),
+            what,
+            remedy,
         )
     })
 }

@@ -42,12 +42,9 @@ pub(crate) fn flaws(
                 "a bound is stated for a loop that waits: what it reads decides how often it runs";
             (Rule::Wait, what.to_owned())
         };
-        Some(Flaw::new(
-            rule,
-            what,
-            image.place(read),
-            "Let a task be released when it is ready; or count the runs, and end at a constant.",
-        ))
+        let remedy =
+            "Let a task be released when it is ready; or count the runs, and end at a constant.";
+        Some(image.flaw(rule, read, what, remedy))
     });
     flaws.collect()
 }

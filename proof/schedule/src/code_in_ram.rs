@@ -24,12 +24,13 @@ fn outside_ram(program: &Program<'_>, resident: &Exempt) -> Option<Flaw> {
         .filter(|function| !is_in_ram(function.address))
         .flat_map(Function::instructions);
     let found = instructions.find(|it| program.image.frames(it.address).iter().any(is_of))?;
-    Some(Flaw::new(
-        Rule::CodeInRam,
-        format!("`{}` is in flash: {}", resident.function, resident.reason),
-        program.image.place(found.address),
-        "Put it into RAM, by the section of the function, and keep it out of its callers.",
-    ))
+    let what = format!("`{}` is in flash: {}", resident.function, resident.reason);
+    let remedy = "Put it into RAM, by the section of the function, and keep it out of its callers.";
+    Some(
+        program
+            .image
+            .flaw(Rule::CodeInRam, found.address, what, remedy),
+    )
 }
 
 fn is_in_ram(address: u32) -> bool {
@@ -39,12 +40,8 @@ fn is_in_ram(address: u32) -> bool {
 fn of_function(program: &Program<'_>, function: &Function) -> Vec<Flaw> {
     let image = program.image;
     let flaw = |place: Place, what: String| {
-        Flaw::new(
-            Rule::CodeInRam,
-            what,
-            place,
-            "Inline what it calls, and look nothing up in a constant.",
-        )
+        let remedy = "Inline what it calls, and look nothing up in a constant.";
+        Flaw::new(Rule::CodeInRam, what, place, remedy)
     };
     let blocks = function.blocks.iter();
     let calls = blocks.filter_map(|block| Some((block.last(), block.call?)));

@@ -18,12 +18,12 @@ pub(crate) fn flaws(program: &Program<'_>, app: &App, config: &Config) -> Vec<Fl
     let functions = handlers.filter_map(|handler| program.function(handler));
     let blocks = functions.flat_map(|function| &function.blocks);
     let flaws = blocks.filter(|block| overtakes(block)).map(|block| {
-        Flaw::new(
-            Rule::ForbiddenInstruction,
-            "a handler may return before its last store has ended: erratum 838869 of the processor",
-            program.image.place(block.last()),
-            "End the handler with a barrier, `cortex_m::asm::dsb()`.",
-        )
+        let what =
+            "a handler may return before its last store has ended: erratum 838869 of the processor";
+        let remedy = "End the handler with a barrier, `cortex_m::asm::dsb()`.";
+        program
+            .image
+            .flaw(Rule::ForbiddenInstruction, block.last(), what, remedy)
     });
     let mut flaws: Vec<Flaw> = flaws.collect();
     flaws.sort();

@@ -114,12 +114,9 @@ fn of_section(system: &System<'_>, section: &Held, wrong: Option<String>) -> Vec
         }
     };
     flaws.extend(wrong.map(|wrong| {
-        Flaw::new(
-            Rule::CriticalSection,
-            format!("a section with interrupts held back {wrong}"),
-            system.image.place(section.address),
-            "Do less in it; or share through atomics, or lock an RTIC resource.",
-        )
+        let what = format!("a section with interrupts held back {wrong}");
+        let remedy = "Do less in it; or share through atomics, or lock an RTIC resource.";
+        system.flaw(Rule::CriticalSection, section.address, what, remedy)
     }));
     flaws.extend(inner);
     flaws
@@ -148,12 +145,9 @@ pub(crate) fn lowered_masks(system: &System<'_>) -> Vec<Flaw> {
         all.filter(|instruction| lowers(function, instruction))
     });
     let flaw = |instruction: &Instruction| {
-        Flaw::new(
-            Rule::CriticalSection,
-            "`BASEPRI` is written with a value that was not read from it: a lock of a preempted task would end",
-            system.image.place(instruction.address),
-            "Lock an RTIC resource, which restores what was there.",
-        )
+        let what = "`BASEPRI` is written with a value that was not read from it: a lock of a preempted task would end";
+        let remedy = "Lock an RTIC resource, which restores what was there.";
+        system.flaw(Rule::CriticalSection, instruction.address, what, remedy)
     };
     written.map(flaw).collect()
 }
@@ -215,15 +209,13 @@ fn entered_from_above(system: &System<'_>, section: &Held) -> Option<Flaw> {
     let above = system.rows.iter().find(|row| {
         row.task.priority > ceiling && system.program.reach(row.root).contains(&section.function)
     })?;
-    Some(Flaw::new(
-        Rule::CriticalSection,
-        format!(
-            "a section that holds up tasks up to priority {ceiling} is entered by `{}` of priority {}",
-            above.task.name, above.task.priority
-        ),
-        system.image.place(section.address),
-        "Lock the resource in each task that is to use it, so that RTIC knows its ceiling.",
-    ))
+    let what = format!(
+        "a section that holds up tasks up to priority {ceiling} is entered by `{}` of priority {}",
+        above.task.name, above.task.priority
+    );
+    let remedy =
+        "Lock the resource in each task that is to use it, so that RTIC knows its ceiling.";
+    Some(system.flaw(Rule::CriticalSection, section.address, what, remedy))
 }
 
 /// Calls of what is exempt, by the code that a row may run: their time would not count.
@@ -237,12 +229,9 @@ fn exempt_calls(system: &System<'_>, reached: &BTreeSet<u32>) -> Vec<Flaw> {
     });
     let exempt = calls.filter(|(_, name)| system.config.exemption(name).is_some());
     let flaws = exempt.map(|(at, name)| {
-        Flaw::new(
-            Rule::Exemption,
-            format!("a task with a deadline calls `{name}`, whose time is exempt"),
-            system.image.place(at),
-            "Call it from a task without a deadline; or take its `[[exempt]]` out of `schedule.toml`.",
-        )
+        let what = format!("a task with a deadline calls `{name}`, whose time is exempt");
+        let remedy = "Call it from a task without a deadline; or take its `[[exempt]]` out of `schedule.toml`.";
+        system.flaw(Rule::Exemption, at, what, remedy)
     });
     flaws.collect()
 }
@@ -256,12 +245,9 @@ fn never_back<'a>(system: &System<'_>, blocks: impl Iterator<Item = &'a Block>) 
     });
     let endless = calls.filter(|(_, name)| system.config.exemption(name).is_none());
     let flaws = endless.map(|(at, name)| {
-        Flaw::new(
-            Rule::UnboundedLoop,
-            format!("`{name}` never returns"),
-            system.image.place(at),
-            "Let it end; or say in `schedule.toml`, in an `[[exempt]]`, why the machine stops then.",
-        )
+        let what = format!("`{name}` never returns");
+        let remedy = "Let it end; or say in `schedule.toml`, in an `[[exempt]]`, why the machine stops then.";
+        system.flaw(Rule::UnboundedLoop, at, what, remedy)
     });
     flaws.collect()
 }
@@ -275,15 +261,12 @@ fn float_above(system: &System<'_>, row: &Row, reached: &BTreeSet<u32>) -> Optio
     let functions = system.program.functions_at(reached);
     let mut instructions = functions.flat_map(Function::instructions);
     let first = instructions.find(|it| it.operation.is_float())?;
-    Some(Flaw::new(
-        Rule::FloatingPoint,
-        format!(
-            "`{}` uses floating point, and its priority is above {most}: registers would be saved for it",
-            row.name
-        ),
-        system.image.place(first.address),
-        "Compute with integers there, or leave it to a task of a lower priority.",
-    ))
+    let what = format!(
+        "`{}` uses floating point, and its priority is above {most}: registers would be saved for it",
+        row.name
+    );
+    let remedy = "Compute with integers there, or leave it to a task of a lower priority.";
+    Some(system.flaw(Rule::FloatingPoint, first.address, what, remedy))
 }
 
 /// Fills in the stacks; what is wrong with them.
@@ -297,12 +280,9 @@ pub(crate) fn of_stacks(system: &System<'_>, report: &mut Report) -> Vec<Flaw> {
     let mut levels = BTreeMap::from([(0, ("initialisation, idle".to_owned(), 0))]);
     let mut depth = |root: u32, name: &str| {
         depths.depth(root).unwrap_or_else(|address| {
-            flaws.push(Flaw::new(
-                Rule::StackOverflow,
-                format!("the depth of the stack of `{name}` is not known"),
-                system.image.place(address),
-                "Call functions by name, or say in `schedule.toml` what pointers call.",
-            ));
+            let what = format!("the depth of the stack of `{name}` is not known");
+            let remedy = "Call functions by name, or say in `schedule.toml` what pointers call.";
+            flaws.push(system.flaw(Rule::StackOverflow, address, what, remedy));
             0
         })
     };
@@ -358,12 +338,9 @@ fn initialisation<'a>(system: &'a System<'_>) -> Option<&'a Function> {
 fn overflow(report: &Report) -> Option<Flaw> {
     let (worst, available) = (report.stack_worst_bytes, report.stack_available_bytes);
     (worst > available).then(|| {
-        Flaw::new(
-            Rule::StackOverflow,
-            format!("the stacks may take {worst} bytes, there are {available}"),
-            Place::default(),
-            "Make statics smaller, or keep less on the stack.",
-        )
+        let what = format!("the stacks may take {worst} bytes, there are {available}");
+        let remedy = "Make statics smaller, or keep less on the stack.";
+        Flaw::new(Rule::StackOverflow, what, Place::default(), remedy)
     })
 }
 

@@ -149,12 +149,8 @@ impl<'w, 'a> Walk<'w, 'a> {
     }
 
     fn flaw(&mut self, rule: Rule, address: u32, what: String, remedy: &str) {
-        self.flaws.push(Flaw::new(
-            rule,
-            what,
-            self.graphs.image.place(address),
-            remedy,
-        ));
+        self.flaws
+            .push(self.graphs.image.flaw(rule, address, what, remedy));
     }
 
     fn run(&mut self) {

@@ -32,15 +32,12 @@ fn unguarded(program: &Program<'_>, function: &Function, guarded: &GuardedStore)
     let is_tested = !reaches(function, Some(&stores), &reads);
     let is_avoidable = reaches(function, None, &stores);
     (!is_tested || !is_avoidable).then(|| {
-        Flaw::new(
-            Rule::Register,
-            format!(
-                "a store to {:#010x} does not depend on {:#010x}: {}",
-                guarded.register, guarded.test, guarded.reason
-            ),
-            program.image.place(first),
-            "Read the register, and store only if it says so.",
-        )
+        let what = format!(
+            "a store to {:#010x} does not depend on {:#010x}: {}",
+            guarded.register, guarded.test, guarded.reason
+        );
+        let remedy = "Read the register, and store only if it says so.";
+        program.image.flaw(Rule::Register, first, what, remedy)
     })
 }
 

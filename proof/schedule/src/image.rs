@@ -20,7 +20,7 @@ use object::{
     read::elf::{ElfFile32, ProgramHeader},
 };
 
-use crate::Place;
+use crate::{Flaw, Place, Rule};
 
 /// The place of a function, from its symbol.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -335,6 +335,17 @@ impl Image {
             frames.push(self.name(address));
         }
         Place { address, frames }
+    }
+
+    /// A flaw at an address.
+    pub(crate) fn flaw(
+        &self,
+        rule: Rule,
+        address: u32,
+        what: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Flaw {
+        Flaw::new(rule, what, self.place(address), remedy)
     }
 }
 

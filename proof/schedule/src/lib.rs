@@ -40,6 +40,7 @@ mod image;
 mod instruction;
 mod library_flaws;
 mod loops;
+mod memo;
 mod model;
 mod modes;
 mod paths;

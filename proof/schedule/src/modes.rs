@@ -38,12 +38,9 @@ fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
     let tagged: BTreeSet<u32> = rows.iter().flat_map(|row| &row.excluded).copied().collect();
     let tagged: Vec<u32> = tagged.difference(&exempt).copied().collect();
     if tagged.len() > MOST {
-        return Some(Flaw::new(
-            Rule::Mode,
-            format!("the modes of `{name}` exclude more than {MOST} functions"),
-            rows[0].task.place(),
-            "Exclude fewer: those that the others are called from.",
-        ));
+        let what = format!("the modes of `{name}` exclude more than {MOST} functions");
+        let remedy = "Exclude fewer: those that the others are called from.";
+        return Some(Flaw::new(Rule::Mode, what, rows[0].task.place(), remedy));
     }
     let excluded = rows.iter().map(|row| {
         let bits = tagged.iter().enumerate();
@@ -67,16 +64,13 @@ fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
     let names: Vec<String> = names
         .map(|(_, function)| format!("`{}`", system.image.name(*function)))
         .collect();
-    Some(Flaw::new(
-        Rule::Mode,
-        format!(
-            "a run of `{name}` may call {}, and no mode allows all of them",
-            names.join(" and ")
-        ),
-        system.image.place(at),
-        "Do one of them in a run, and pend the task again for the other; or let a mode in \
-         `schedule.toml` exclude none of them.",
-    ))
+    let what = format!(
+        "a run of `{name}` may call {}, and no mode allows all of them",
+        names.join(" and ")
+    );
+    let remedy = "Do one of them in a run, and pend the task again for the other; or let a mode in \
+         `schedule.toml` exclude none of them.";
+    Some(system.flaw(Rule::Mode, at, what, remedy))
 }
 
 /// The paths through the functions of a task.

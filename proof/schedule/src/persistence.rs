@@ -23,7 +23,7 @@ const VARIED_ITERATIONS: u64 = 100;
 const IN_USE: usize = 2;
 
 /// The share by which code pays for the preempting tasks' lines, fetched once in each stretch.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub(crate) struct Share {
     /// Cycles for each line that is fetched outside of visits.
     pub(crate) of_line: u64,

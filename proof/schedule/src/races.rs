@@ -152,20 +152,17 @@ fn names(program: &Program<'_>, shared: &SharedStatic, writes: &BTreeSet<Write>)
 fn refused(program: &Program<'_>, byte: u32, low: &Write, high: &Write) -> Flaw {
     let place = program.image.place(high.at);
     let other = program.image.place(low.at);
-    Flaw::new(
-        Rule::Race,
-        format!(
-            "`{}` and the less urgent `{}` both write {byte:#010x}, and no lock keeps `{}` out ({})",
-            high.task,
-            low.task,
-            high.task,
-            other
-                .frames
-                .iter()
-                .find(|it| it.contains("(src/"))
-                .unwrap_or(&other.frames[0])
-        ),
-        place,
-        "Give it one writer, or lock it; or say in `schedule.toml`, in a `[[shared]]`, why both may.",
-    )
+    let what = format!(
+        "`{}` and the less urgent `{}` both write {byte:#010x}, and no lock keeps `{}` out ({})",
+        high.task,
+        low.task,
+        high.task,
+        other
+            .frames
+            .iter()
+            .find(|it| it.contains("(src/"))
+            .unwrap_or(&other.frames[0])
+    );
+    let remedy = "Give it one writer, or lock it; or say in `schedule.toml`, in a `[[shared]]`, why both may.";
+    Flaw::new(Rule::Race, what, place, remedy)
 }

@@ -102,12 +102,11 @@ impl Registers<'_> {
                 _ => return None,
             };
             (function.name != RESET).then(|| {
-                Flaw::new(
-                    Rule::Register,
-                    format!("a write of {name}: the depth of the stack and the locks rest on it"),
-                    self.system.image.place(instruction.address),
-                    "Leave it out: all tasks run privileged, on the main stack.",
-                )
+                let what =
+                    format!("a write of {name}: the depth of the stack and the locks rest on it");
+                let remedy = "Leave it out: all tasks run privileged, on the main stack.";
+                self.system
+                    .flaw(Rule::Register, instruction.address, what, remedy)
             })
         });
         flaws.collect()
@@ -118,12 +117,7 @@ impl Registers<'_> {
             Some(to) => self.to_known(function, store, to)?,
             None => self.to_computed(store)?,
         };
-        Some(Flaw::new(
-            Rule::Register,
-            what,
-            self.system.image.place(store.at),
-            remedy,
-        ))
+        Some(self.system.flaw(Rule::Register, store.at, what, remedy))
     }
 
     /// The flaw of a store to a constant address, and its remedy.
@@ -224,12 +218,9 @@ impl Registers<'_> {
             .map(|(at, _)| *at)
             .collect();
         let flaws = accesses.into_iter().map(|at| {
-            Flaw::new(
-                Rule::UncostedAccess,
-                "an access to an alias of a bit, to USB or to external memory: the model has no time for it",
-                self.system.image.place(at),
-                "Read and write the whole word at its own address, or use a register that sets bits.",
-            )
+            let what = "an access to an alias of a bit, to USB or to external memory: the model has no time for it";
+            let remedy = "Read and write the whole word at its own address, or use a register that sets bits.";
+            self.system.flaw(Rule::UncostedAccess, at, what, remedy)
         });
         flaws.collect()
     }

@@ -165,12 +165,8 @@ impl Releases<'_> {
                 flag.vector, flag.clears
             ),
         };
-        Some(Flaw::new(
-            Rule::Release,
-            what,
-            self.system.image.place(handler),
-            "Read the flag in each run, and clear it.",
-        ))
+        let remedy = "Read the flag in each run, and clear it.";
+        Some(self.system.flaw(Rule::Release, handler, what, remedy))
     }
 
     /// Whether the program uses the peripheral that has a register.
@@ -213,12 +209,9 @@ impl Releases<'_> {
             if value.is_some_and(|value| values.contains(&value)) {
                 return None;
             }
-            Some(Flaw::new(
-                Rule::Release,
-                wrong_value(control, register, value, values, function),
-                self.system.image.place(store.at),
-                "Write what the `[[control]]` in `schedule.toml` names, as a constant.",
-            ))
+            let what = wrong_value(control, register, value, values, function);
+            let remedy = "Write what the `[[control]]` in `schedule.toml` names, as a constant.";
+            Some(self.system.flaw(Rule::Release, store.at, what, remedy))
         });
         flaws.collect()
     }
@@ -277,15 +270,12 @@ fn undeclared(task: &AppTask, other: &AppTask, place: Place) -> Flaw {
 }
 
 fn endless(task: &AppTask) -> Flaw {
-    Flaw::new(
-        Rule::Release,
-        format!(
-            "each run of `{}` releases the next: what is less urgent never runs",
-            task.name
-        ),
-        task.place(),
-        "Release it only while there is something to do.",
-    )
+    let what = format!(
+        "each run of `{}` releases the next: what is less urgent never runs",
+        task.name
+    );
+    let remedy = "Release it only while there is something to do.";
+    Flaw::new(Rule::Release, what, task.place(), remedy)
 }
 
 /// The sentence on a value that a register must not have.

@@ -103,13 +103,10 @@ fn step_task(config: &Config, report: &Report) -> [Requirement; 3] {
 }
 
 fn unmet(it: &Requirement) -> Flaw {
-    Flaw::new(
-        Rule::Requirement,
-        format!(
-            "{}: {} {} required, {} found",
-            it.what, it.required, it.unit, it.found
-        ),
-        Place::default(),
-        "See which task has the least slack, and its worst path.",
-    )
+    let what = format!(
+        "{}: {} {} required, {} found",
+        it.what, it.required, it.unit, it.found
+    );
+    let remedy = "See which task has the least slack, and its worst path.";
+    Flaw::new(Rule::Requirement, what, Place::default(), remedy)
 }

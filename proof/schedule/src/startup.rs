@@ -108,11 +108,12 @@ fn of_startup(program: &Program<'_>, startup: &Startup) -> Vec<Flaw> {
     let mut functions = program.functions().values();
     let Some(function) = functions.find(|it| is_named(&it.name, &startup.function)) else {
         let what = format!("there is no function `{}`", startup.function);
+        let remedy = "Name it as the program does.";
         return vec![Flaw::new(
             Rule::Configuration,
             what,
             crate::Place::default(),
-            "Name it as the program does.",
+            remedy,
         )];
     };
     let order = Order {
@@ -254,12 +255,8 @@ impl Order<'_> {
     }
 
     fn flaw(&self, address: u32, what: String) -> Flaw {
-        Flaw::new(
-            Rule::Startup,
-            what,
-            self.image.place(address),
-            "Keep the order that `[startup]` of schedule.toml gives, with its reason.",
-        )
+        let remedy = "Keep the order that `[startup]` of schedule.toml gives, with its reason.";
+        self.image.flaw(Rule::Startup, address, what, remedy)
     }
 }
 
@@ -273,21 +270,21 @@ fn of_watchdog(program: &Program<'_>, watchdog: &Watchdog) -> Vec<Flaw> {
             fed += u32::from(is_fed);
             let head = function.blocks[one.head].start();
             if !is_fed && !is_excused(program.image, watchdog, head, &function.name) {
-                flaws.push(Flaw::new(
-                    Rule::Watchdog,
-                    "a loop may last, and does not feed the watchdog",
-                    program.image.place(head),
-                    "Feed it in each run; or count the runs; or say in `[watchdog]` why not.",
-                ));
+                let what = "a loop may last, and does not feed the watchdog";
+                let remedy =
+                    "Feed it in each run; or count the runs; or say in `[watchdog]` why not.";
+                flaws.push(program.image.flaw(Rule::Watchdog, head, what, remedy));
             }
         }
     }
     if fed == 0 {
+        let what = "no loop feeds the watchdog";
+        let remedy = "Feed it where nothing else has to be done.";
         flaws.push(Flaw::new(
             Rule::Watchdog,
-            "no loop feeds the watchdog",
+            what,
             crate::Place::default(),
-            "Feed it where nothing else has to be done.",
+            remedy,
         ));
     }
     flaws

@@ -2,7 +2,7 @@
 
 use std::{
     cell::RefCell,
-    collections::{BTreeMap, BTreeSet},
+    collections::{BTreeMap, BTreeSet, HashMap},
     rc::Rc,
 };
 
@@ -10,6 +10,7 @@ use crate::{
     App, AppTask, Cache, Clock, Config, Flaw, Formula, Function, Image, Model, Place, Point,
     Program, Rule, Wcet,
     config::{self, ModeConfig, TaskConfig},
+    memo::memoised,
     model::LINE_BYTES,
     persistence::{self, Share},
     persistent_window::{PersistentCost, ResidentTasks},
@@ -78,10 +79,10 @@ pub(crate) struct System<'a> {
     /// Named bounds that each row's code uses.
     used: Vec<BTreeSet<String>>,
     /// Costs by row and the values of the bounds that it uses.
-    costs: RefCell<BTreeMap<Key, Option<Rc<Cost>>>>,
+    costs: RefCell<HashMap<Key, Option<Rc<Cost>>>>,
     /// The same with persistent loops, the rows whose lines stay in the cache, and the most lines that
     /// a visit loads.
-    persistent_costs: RefCell<BTreeMap<PersistentKey, Option<(PersistentCost, u64)>>>,
+    persistent_costs: RefCell<HashMap<PersistentKey, Option<(PersistentCost, u64)>>>,
 }
 
 impl<'a> System<'a> {
@@ -295,6 +296,17 @@ impl<'a> System<'a> {
         wcets
     }
 
+    /// A flaw at an address.
+    pub(crate) fn flaw(
+        &self,
+        rule: Rule,
+        address: u32,
+        what: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Flaw {
+        self.image.flaw(rule, address, what, remedy)
+    }
+
     pub(crate) fn point(&self, step_rate_hz: u32, baud: u32) -> Point {
         Point {
             step_rate_hz: step_rate_hz.into(),
@@ -305,16 +317,10 @@ impl<'a> System<'a> {
 
     /// The cost of a row with these values of the named bounds; `None`: no bound.
     pub(crate) fn cost(&self, row: usize, named: &BTreeMap<String, u64>) -> Option<Rc<Cost>> {
-        let values = self.used[row]
-            .iter()
-            .map(|name| named.get(name).copied().unwrap_or(u64::MAX));
-        let key = (row, values.collect::<Vec<_>>());
-        if let Some(known) = self.costs.borrow().get(&key) {
-            return known.clone();
-        }
-        let cost = self.compute(&self.rows[row], named).map(Rc::new);
-        self.costs.borrow_mut().insert(key, cost.clone());
-        cost
+        let key = (row, self.values(row, named));
+        memoised(&self.costs, key, || {
+            self.compute(&self.rows[row], named).map(Rc::new)
+        })
     }
 
     /// The cost of a row with persistent loops and resident code of other rows, and how many lines one
@@ -325,19 +331,21 @@ impl<'a> System<'a> {
         named: &BTreeMap<String, u64>,
         resident: &ResidentTasks,
     ) -> Option<(PersistentCost, u64)> {
-        let values = self.used[row]
-            .iter()
-            .map(|name| named.get(name).copied().unwrap_or(u64::MAX));
-        let key = (row, values.collect(), resident.rows.clone(), resident.share);
-        if let Some(known) = self.persistent_costs.borrow().get(&key) {
-            return *known;
-        }
-        let mut wcets = self.wcets(&self.rows[row], named);
-        wcets.resident_lines.clone_from(&resident.lines);
-        wcets.share = resident.share;
-        let cost = self.compute_persistent_cost(&self.rows[row], &wcets);
-        self.persistent_costs.borrow_mut().insert(key, cost);
-        cost
+        let rows = resident.rows.clone();
+        let key = (row, self.values(row, named), rows, resident.share);
+        memoised(&self.persistent_costs, key, || {
+            let mut wcets = self.wcets(&self.rows[row], named);
+            wcets.resident_lines.clone_from(&resident.lines);
+            wcets.share = resident.share;
+            self.compute_persistent_cost(&self.rows[row], &wcets)
+        })
+    }
+
+    /// The values of the bounds that a row uses.
+    fn values(&self, row: usize, named: &BTreeMap<String, u64>) -> Vec<u64> {
+        let used = self.used[row].iter();
+        let values = used.map(|name| named.get(name).copied());
+        values.map(|value| value.unwrap_or(u64::MAX)).collect()
     }
 
     fn compute_persistent_cost(

@@ -76,11 +76,13 @@ pub(crate) fn report_loops(
     }
     found.rest_cycles = bounded_cycles(system, functions, &roots, named, &excluded, &pointers);
     if found.rest_cycles.is_none() {
+        let what = "how long tasks without a deadline take besides their loops is not known";
+        let remedy = "Let no function call itself; say in `schedule.toml` what pointers call.";
         flaws.push(Flaw::new(
             Rule::UnboundedLoop,
-            "how long tasks without a deadline take besides their loops is not known",
+            what,
             rows[0].task.place(),
-            "Let no function call itself; say in `schedule.toml` what pointers call.",
+            remedy,
         ));
     }
     report.undeadlined = Some(found);
@@ -164,15 +166,12 @@ fn entry(watchdog: &Watchdog, within: &str) -> Option<usize> {
 }
 
 fn unnamed(within: &str, place: Place) -> Flaw {
-    Flaw::new(
-        Rule::UncountedLoop,
-        format!(
-            "nothing counts a loop in `{within}`, and it may keep `idle` from feeding the watchdog"
-        ),
-        place,
-        "Give it a constant number of runs; or write `// wcet-bound: N`; or say in `[[watchdog.uncounted]]` of \
-         `schedule.toml` what ends it.",
-    )
+    let what = format!(
+        "nothing counts a loop in `{within}`, and it may keep `idle` from feeding the watchdog"
+    );
+    let remedy = "Give it a constant number of runs; or write `// wcet-bound: N`; or say in `[[watchdog.uncounted]]` of \
+         `schedule.toml` what ends it.";
+    Flaw::new(Rule::UncountedLoop, what, place, remedy)
 }
 
 /// The flaws of the entries themselves.

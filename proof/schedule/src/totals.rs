@@ -55,13 +55,9 @@ pub(crate) fn flaws(
                  that share the total, {count} times"
             ),
         };
-        Some(Flaw::new(
-            Rule::BelievedBound,
-            what,
-            system.image.place(at),
-            "Write `// wcet-total: N per f: reason`, where `f` is a function that is not inlined, and that each run calls \
-             once; or write `// wcet-bound: N`.",
-        ))
+        let remedy = "Write `// wcet-total: N per f: reason`, where `f` is a function that is not inlined, and that each run calls \
+             once; or write `// wcet-bound: N`.";
+        Some(system.flaw(Rule::BelievedBound, at, what, remedy))
     });
     flaws.collect()
 }

@@ -25,12 +25,9 @@ pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     });
     let counted = suspects.filter(|(at, _)| config.exemption(&image.name(*at)).is_none());
     let flaws = counted.map(|(at, what)| {
-        Flaw::new(
-            Rule::UnknownInstruction,
-            format!("{what}, where the analysis finds no way to"),
-            image.place(at),
-            "Call functions by name, and give assembly a symbol with a type: `.type NAME, %function`.",
-        )
+        let what = format!("{what}, where the analysis finds no way to");
+        let remedy = "Call functions by name, and give assembly a symbol with a type: `.type NAME, %function`.";
+        image.flaw(Rule::UnknownInstruction, at, what, remedy)
     });
     flaws.collect()
 }

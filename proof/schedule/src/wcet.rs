@@ -15,6 +15,7 @@ use crate::{
     Block, Cache, Count, Function, Instruction, Loop, Model, Region,
     budget::{ALL_CALLS, Budget, Budgets, Open, add_open, budget},
     loops::in_runs,
+    memo::memoised,
     model::{self, CACHE_LINES},
     paths::{Duals, Graph, Longest, LoopPaths},
     persistence::{PersistentLoops, Share},
@@ -160,14 +161,9 @@ impl<'a> Wcets<'a> {
 
     /// The persistent loops of a function.
     pub(crate) fn persistent_loops(&self, function: &Function) -> Rc<PersistentLoops> {
-        if let Some(known) = self.loops.borrow().get(&function.address) {
-            return known.clone();
-        }
-        let persistent = Rc::new(PersistentLoops::new(self, function));
-        self.loops
-            .borrow_mut()
-            .insert(function.address, persistent.clone());
-        persistent
+        memoised(&self.loops, function.address, || {
+            Rc::new(PersistentLoops::new(self, function))
+        })
     }
 
     fn persistent(&self, function: &Function, cache: Cache) -> Option<Rc<PersistentLoops>> {
@@ -318,13 +314,10 @@ impl<'a> Wcets<'a> {
 
     /// Lines of a function and its callees.
     pub(crate) fn lines(&self, address: u32) -> Rc<BTreeSet<u32>> {
-        if let Some(known) = self.touched.borrow().get(&address) {
-            return known.clone();
-        }
-        let blocks = self.reached(address).flat_map(|function| &function.blocks);
-        let lines: Rc<BTreeSet<u32>> = Rc::new(blocks.flat_map(model::lines).collect());
-        self.touched.borrow_mut().insert(address, lines.clone());
-        lines
+        memoised(&self.touched, address, || {
+            let blocks = self.reached(address).flat_map(|function| &function.blocks);
+            Rc::new(blocks.flat_map(model::lines).collect())
+        })
     }
 
     /// The cost of a task's function from a cold cache, if the cache holds all of it: each line is

@@ -11,6 +11,7 @@ use gimli::{EndianRcSlice, EndianSlice, LittleEndian};
 use object::{Object, ObjectSection};
 
 use super::Frame;
+use crate::memo::memoised;
 
 /// See the module. Answers are remembered.
 pub(super) struct Lines {
@@ -39,12 +40,9 @@ impl Lines {
     }
 
     pub(super) fn frames(&self, address: u32) -> Rc<[Frame]> {
-        if let Some(known) = self.known.borrow().get(&address) {
-            return Rc::clone(known);
-        }
-        let frames: Rc<[Frame]> = self.find(address).unwrap_or_default().into();
-        self.known.borrow_mut().insert(address, Rc::clone(&frames));
-        frames
+        memoised(&self.known, address, || {
+            self.find(address).unwrap_or_default().into()
+        })
     }
 
     fn find(&self, address: u32) -> Option<Vec<Frame>> {
@@ -77,13 +75,9 @@ impl Lines {
 
     /// A function's name as in the source.
     fn demangled(&self, mangled: &str) -> Rc<str> {
-        if let Some(known) = self.functions.borrow().get(mangled) {
-            return Rc::clone(known);
-        }
-        let name = self.text(&format!("{:#}", rustc_demangle::demangle(mangled)));
-        let mut functions = self.functions.borrow_mut();
-        functions.insert(mangled.to_owned(), Rc::clone(&name));
-        name
+        memoised(&self.functions, mangled.to_owned(), || {
+            self.text(&format!("{:#}", rustc_demangle::demangle(mangled)))
+        })
     }
 
     /// One copy of each text.
@@ -98,13 +92,9 @@ impl Lines {
     }
 
     fn path(&self, file: &str) -> Rc<str> {
-        if let Some(known) = self.paths.borrow().get(file) {
-            return Rc::clone(known);
-        }
-        let shown = self.text(shorten(file, self.root.as_deref()));
-        let mut paths = self.paths.borrow_mut();
-        paths.insert(file.to_owned(), Rc::clone(&shown));
-        shown
+        memoised(&self.paths, file.to_owned(), || {
+            self.text(shorten(file, self.root.as_deref()))
+        })
     }
 }
 

@@ -1,6 +1,6 @@
 //! How much time is left, as the step rate grows; and where the processor's time goes.
 
-use std::{collections::BTreeMap, fmt::Write as _};
+use std::fmt::Write as _;
 
 use schedule::Report;
 
@@ -42,15 +42,14 @@ pub(super) fn slack(report: &Report) -> String {
     let mut names = Vec::new();
     for (index, task) in report.tasks.iter().enumerate() {
         let points = points(report, &task.name);
-        if let Some(&(_, first)) = points.first() {
-            names.push((up.at(first), task.name.as_str(), index));
-            picture.path(
-                &format!("curve {}", colour(index)),
-                &path(&points, across, up),
-            );
+        if let Some(&(rate, percent)) = points.last() {
+            let (x, y) = (across.at(rate), up.at(percent.max(0.0)));
+            names.push((y, x, task.name.as_str(), index));
+            let class = format!("curve {}", colour(index));
+            picture.path(&class, &path(&points, across, up));
         }
     }
-    label(&mut picture, report, names, across, up);
+    label(&mut picture, names);
     picture.finish(WIDTH, HEIGHT, "Slack of each task against the step rate")
 }
 
@@ -128,29 +127,7 @@ fn limits(picture: &mut Picture, report: &Report, across: Scale) {
 }
 
 /// Names beside the curves' beginnings would hide them: at the right, in the order of their ends.
-fn label(
-    picture: &mut Picture,
-    report: &Report,
-    names: Vec<(f64, &str, usize)>,
-    across: Scale,
-    up: Scale,
-) {
-    let ends: BTreeMap<_, _> = names
-        .iter()
-        .filter_map(|(_, name, _)| {
-            points(report, name)
-                .last()
-                .copied()
-                .map(|point| (*name, point))
-        })
-        .collect();
-    let mut rows: Vec<_> = names
-        .into_iter()
-        .filter_map(|(_, name, index)| {
-            let (rate, percent) = *ends.get(name)?;
-            Some((up.at(percent.max(0.0)), across.at(rate), name, index))
-        })
-        .collect();
+fn label(picture: &mut Picture, mut rows: Vec<(f64, f64, &str, usize)>) {
     rows.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.3.cmp(&b.3)));
     let count = rows.len() as f64;
     let mut least = TOP + 4.0;
@@ -159,11 +136,8 @@ fn label(
         let row = (y + 4.0).max(least).min(most);
         least = row + NAME;
         let end = WIDTH - RIGHT + 18.0;
-        picture.line(
-            &format!("leader {}", colour(index)),
-            (x, y),
-            (end - 4.0, row - 4.0),
-        );
+        let leader = format!("leader {}", colour(index));
+        picture.line(&leader, (x, y), (end - 4.0, row - 4.0));
         picture.text(&format!("label {}", colour(index)), end, row, name);
     }
 }

@@ -16,6 +16,9 @@ const ROW: f64 = 46.0;
 const BAR: (f64, f64) = (14.0, 20.0);
 /// Room for the names, and for the figures.
 const SIDES: (f64, f64) = (128.0, 150.0);
+/// Where words before and behind the rows are.
+const BEFORE: f64 = SIDES.0 - 12.0;
+const BEHIND: f64 = WIDTH - SIDES.1 + 12.0;
 const TOP: f64 = 10.0;
 /// Narrower waits are not worth a line of their own.
 const LEAST_WAIT: f64 = 1.0;
@@ -123,26 +126,30 @@ impl Stretch<'_> {
         let y = TOP + player as f64 * ROW;
         let task = self.task(player).clone();
         let colour = colour(self.instant.players[player].task);
-        let right = WIDTH - SIDES.1;
-        self.picture.line(
-            "floor",
-            (SIDES.0, y + BAR.0 + BAR.1),
-            (right, y + BAR.0 + BAR.1),
-        );
+        self.floor(y);
         let (name, mode) = match task.name.split_once(": ") {
             Some((name, mode)) => (name, format!("{mode}, ")),
             None => (task.name.as_str(), String::new()),
         };
-        self.picture
-            .text("name end", SIDES.0 - 12.0, y + 25.0, name);
         let priority = format!("{mode}priority {}", task.priority);
-        self.picture
-            .text("note end", SIDES.0 - 12.0, y + 39.0, &priority);
+        self.words(BEFORE, y, ("name end", name), ("note end", &priority));
         self.waits(player, y, &colour);
         self.bars(Runner::Player(player), y, &colour);
         self.releases(player, y);
         self.marks(&task, y);
         self.answers(&task, y);
+    }
+
+    fn floor(&mut self, y: f64) {
+        let floor = y + BAR.0 + BAR.1;
+        let (left, right) = self.scale.pixels;
+        self.picture.line("floor", (left, floor), (right, floor));
+    }
+
+    /// Two lines of words beside a row, each with its class.
+    fn words(&mut self, x: f64, y: f64, first: (&str, &str), second: (&str, &str)) {
+        self.picture.text(first.0, x, y + 25.0, first.1);
+        self.picture.text(second.0, x, y + 39.0, second.1);
     }
 
     /// From a release to its end: the task wants to run.
@@ -216,7 +223,6 @@ impl Stretch<'_> {
 
     /// The figures beside the row.
     fn answers(&mut self, task: &Task, y: f64) {
-        let x = WIDTH - SIDES.1 + 12.0;
         let us = |cycles: f64| shown_us(micros(self.report, cycles));
         let response = task
             .response_cycles
@@ -227,9 +233,8 @@ impl Stretch<'_> {
         } else {
             "answer bad"
         };
-        self.picture.text(class, x, y + 25.0, &response);
-        self.picture
-            .text("note", x, y + 39.0, &format!("deadline {deadline} µs"));
+        let deadline = format!("deadline {deadline} µs");
+        self.words(BEHIND, y, (class, &response), ("note", &deadline));
     }
 
     fn blocker_row(&mut self, rows: usize) {
@@ -238,24 +243,11 @@ impl Stretch<'_> {
         };
         let y = TOP + (rows - 1) as f64 * ROW;
         let length = shown_us(micros(self.report, blocker.length));
-        self.picture
-            .text("name end", SIDES.0 - 12.0, y + 25.0, "blocking");
-        self.picture
-            .text("note end", SIDES.0 - 12.0, y + 39.0, "less urgent");
-        self.picture.text(
-            "answer",
-            WIDTH - SIDES.1 + 12.0,
-            y + 25.0,
-            &format!("{length} µs"),
-        );
-        self.picture
-            .text("note", WIDTH - SIDES.1 + 12.0, y + 39.0, "longest hold-up");
-        let right = WIDTH - SIDES.1;
-        self.picture.line(
-            "floor",
-            (SIDES.0, y + BAR.0 + BAR.1),
-            (right, y + BAR.0 + BAR.1),
-        );
+        let names = ("name end", "blocking");
+        self.words(BEFORE, y, names, ("note end", "less urgent"));
+        let answer = format!("{length} µs");
+        self.words(BEHIND, y, ("answer", &answer), ("note", "longest hold-up"));
+        self.floor(y);
         self.bars(Runner::Blocker, y, "blocker");
     }
 }
