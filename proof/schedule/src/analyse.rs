@@ -399,10 +399,8 @@ impl<'a> Analysis<'a> {
         let mut rows = self.system.rows.iter().enumerate();
         let Some((index, row)) = rows.find(|(_, row)| row.task.name == *name) else {
             let what = format!("there is no task `{name}`");
-            report.flaws.push(misconfigured(
-                what,
-                "Name the task that drives the step pins.",
-            ));
+            let remedy = "Name the task that drives the step pins.";
+            report.flaws.push(misconfigured(what, remedy));
             return;
         };
         if let Some(cost) = self.system.cost(index, &self.named) {
@@ -418,14 +416,15 @@ impl<'a> Analysis<'a> {
         let jitters = latencies
             .iter()
             .map(|it| blocking + it.latest - it.earliest);
-        match jitters.max() {
-            Some(jitter) => report.step_edge_jitter_us = self.us(jitter as f64),
-            None => report.flaws.push(Flaw::new(
-                Rule::Configuration,
-                format!("`{name}` itself stores nothing to a step pin"),
-                self.system.image.place(row.root),
-                "Write the pins first, to a constant address.",
-            )),
+        if let Some(jitter) = jitters.max() {
+            report.step_edge_jitter_us = self.us(jitter as f64);
+        } else {
+            let what = format!("`{name}` itself stores nothing to a step pin");
+            let remedy = "Write the pins first, to a constant address.";
+            let flaw = self
+                .system
+                .flaw(Rule::Configuration, row.root, what, remedy);
+            report.flaws.push(flaw);
         }
     }
 
@@ -511,8 +510,6 @@ fn holds_up(system: &System<'_>, row: &Row) -> Option<Flaw> {
         "`{}` has no deadline, but holds up `{}`",
         row.name, held.name
     );
-    Some(misconfigured(
-        what,
-        "Give it a period and a deadline, or a lower priority.",
-    ))
+    let remedy = "Give it a period and a deadline, or a lower priority.";
+    Some(misconfigured(what, remedy))
 }

@@ -87,9 +87,7 @@ mod tests {
 
     fn loops(text: &str) -> Result<Vec<SourceLoop>, String> {
         let mut annotations = Annotations::default();
-        annotations
-            .add("src/a.rs", text)
-            .map_err(|error| error.to_string())?;
+        annotations.add("src/a.rs", text)?;
         Ok(annotations.loops("src/a.rs").unwrap().to_vec())
     }
 

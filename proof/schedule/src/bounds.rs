@@ -65,16 +65,11 @@ pub(crate) fn find(
         let stated = source.and_then(Source::bound);
         // An earlier exit depends on another writer: only the counter bounds the loop.
         let is_external = busy_waits::depends_on_external_state(function, one);
-        let counted = runs.filter(|runs| !runs.is_open).map(|runs| Bound {
-            count: Count::Number(runs.returns),
-            origin: "constants".to_owned(),
-            reason: None,
-        });
-        let retries = is_retry(function, &function.loops[index]).then(|| Bound {
-            count: Count::Number(1),
-            origin: "an exclusive store that is tried again".to_owned(),
-            reason: None,
-        });
+        let counted = runs.filter(|runs| !runs.is_open);
+        let counted = counted.map(|runs| Bound::new(Count::Number(runs.returns), "constants"));
+        let exclusive = "an exclusive store that is tried again";
+        let retries = is_retry(function, &function.loops[index]);
+        let retries = retries.then(|| Bound::new(Count::Number(1), exclusive));
         let one = &mut function.loops[index];
         one.counted = runs;
         one.stated.clone_from(&stated);
@@ -248,11 +243,7 @@ fn within(image: &Image, function: &Function, own: &BTreeSet<usize>) -> String {
 /// The first function of the project among some frames, without the closures in it.
 pub(crate) fn source_function<'a>(mut frames: impl Iterator<Item = &'a Frame>) -> Option<String> {
     let own = frames.find(|frame| frame.file.starts_with("src/"))?;
-    let mut name = &*own.function;
-    while let Some(outer) = name.strip_suffix("::{{closure}}") {
-        name = outer;
-    }
-    Some(name.to_owned())
+    Some(without_closures(&own.function).0.to_owned())
 }
 
 /// All lines of the instructions of `own`.
@@ -296,7 +287,7 @@ impl Source {
                 from_library = true;
                 continue;
             };
-            let closures = closures(&frames[0].function);
+            let (_, closures) = without_closures(&frames[0].function);
             let holds = |found: &&SourceLoop| {
                 found.closures == closures
                     && frames.iter().all(|frame| found.whole.contains(&frame.line))
@@ -450,13 +441,13 @@ fn shared(chains: &[Vec<Frame>]) -> usize {
         .count()
 }
 
-/// How many closures a function is in, itself one.
-fn closures(name: &str) -> usize {
-    let mut count = 0;
-    let mut outer_name = name;
-    while let Some(outer) = outer_name.strip_suffix("::{{closure}}") {
-        count += 1;
-        outer_name = outer;
+/// The function that closures are in, and how many they are.
+fn without_closures(name: &str) -> (&str, usize) {
+    match name.strip_suffix("::{{closure}}") {
+        Some(outer) => {
+            let (name, count) = without_closures(outer);
+            (name, count + 1)
+        }
+        None => (name, 0),
     }
-    count
 }

@@ -31,17 +31,18 @@ pub(crate) fn runs(
         may_end: false,
         is_decided: false,
     };
+    let found = |least, returns, is_open| Runs {
+        least,
+        returns,
+        is_open,
+    };
     let mut state = entry(around, blocks, states, one)?;
     let (mut least, mut returns) = (0, 0);
     while returns < MOST_RUNS
         && let Some(next) = run.follow(&state)
     {
         let Some(next) = next else {
-            return Some(Runs {
-                least,
-                returns,
-                is_open: false,
-            });
+            return Some(found(least, returns, false));
         };
         if next == state || !run.is_decided {
             return None;
@@ -52,11 +53,7 @@ pub(crate) fn runs(
             least = returns;
         }
     }
-    Some(Runs {
-        least,
-        returns,
-        is_open: true,
-    })
+    Some(found(least, returns, true))
 }
 
 /// The state where the loop is entered.

@@ -47,18 +47,6 @@ fn slot_of_priority(address: u32) -> Option<usize> {
     is_system.then(|| FIRST_SYSTEM + (address - SYSTEM_PRIORITIES.start) as usize)
 }
 
-/// A contradiction at a task's line.
-fn at(task: &AppTask, flaw: Flaw) -> Flaw {
-    Flaw {
-        place: task.place(),
-        ..flaw
-    }
-}
-
-fn mismatch(what: String, remedy: &str) -> Flaw {
-    Flaw::new(Rule::Mismatch, what, Place::default(), remedy)
-}
-
 impl Crosscheck<'_> {
     /// All contradictions.
     pub(crate) fn flaws(&self) -> Vec<Flaw> {
@@ -110,18 +98,13 @@ impl Crosscheck<'_> {
                 .image
                 .symbol(vector)
                 .map(|handler| self.slots(handler));
-            match found.filter(|found| !found.is_empty()) {
-                Some(found) => slots.extend(found),
-                None => flaws.push(at(
-                    task,
-                    mismatch(
-                        format!(
-                            "no vector of the binary holds `{vector}` of the task `{}`",
-                            task.name
-                        ),
-                        "Build the ELF from this source, or correct the name of the vector.",
-                    ),
-                )),
+            if let Some(found) = found.filter(|found| !found.is_empty()) {
+                slots.extend(found);
+            } else {
+                let name = &task.name;
+                let what = format!("no vector of the binary holds `{vector}` of the task `{name}`");
+                let remedy = "Build the ELF from this source, or correct the name of the vector.";
+                flaws.push(Flaw::new(Rule::Mismatch, what, task.place(), remedy));
             }
         }
         if slots.len() > 1 + more.len() {
@@ -131,7 +114,7 @@ impl Crosscheck<'_> {
                 slots.len()
             );
             let remedy = "Name the vectors that call it in `schedule.toml`.";
-            flaws.push(at(task, mismatch(what, remedy)));
+            flaws.push(Flaw::new(Rule::Mismatch, what, task.place(), remedy));
         }
         slots
     }
@@ -174,7 +157,7 @@ impl Crosscheck<'_> {
             task.name, task.priority,
         );
         let remedy = "Build the ELF from this source; a priority must be written as a constant.";
-        Some(at(task, mismatch(what, remedy)))
+        Some(Flaw::new(Rule::Mismatch, what, task.place(), remedy))
     }
 
     /// Vectors that may interrupt and belong to no task.
@@ -195,7 +178,7 @@ impl Crosscheck<'_> {
             if self.system.config.exemption(&name).is_none() {
                 let what = format!("vector {slot} (`{name}`) belongs to no task");
                 let remedy = "Make it a task, or say in `schedule.toml` to which task it belongs.";
-                flaws.push(mismatch(what, remedy));
+                flaws.push(Flaw::new(Rule::Mismatch, what, Place::default(), remedy));
             }
         }
         let functions = self.system.program.functions().values();
@@ -223,10 +206,7 @@ impl Crosscheck<'_> {
                     let what = format!("vector {} is enabled and belongs to no task", first + bit);
                     let remedy = "Make it a task, or leave it disabled; write a constant. Who enables what is \
                         exempt needs a `[[register]]` in `schedule.toml`.";
-                    flaws.push(Flaw {
-                        place: self.system.image.place(at),
-                        ..mismatch(what, remedy)
-                    });
+                    flaws.push(self.system.flaw(Rule::Mismatch, at, what, remedy));
                 }
             }
         }
@@ -258,10 +238,8 @@ impl Crosscheck<'_> {
         });
         let flaws = wrong.map(|name| {
             let what = format!("`{name}`, the handler of a task, is exempt");
-            mismatch(
-                what,
-                "Take it out of `[[exempt]]`: what a task does counts.",
-            )
+            let remedy = "Take it out of `[[exempt]]`: what a task does counts.";
+            Flaw::new(Rule::Mismatch, what, Place::default(), remedy)
         });
         flaws.collect()
     }
@@ -286,7 +264,7 @@ impl Crosscheck<'_> {
         (!is_own_function && self.system.config.exemption("main").is_some()).then(|| {
             let what = "the code of `idle` is in `main`, which is exempt".to_owned();
             let remedy = "Keep it apart: write `#[inline(never)]` at `idle`.";
-            at(idle, mismatch(what, remedy))
+            Flaw::new(Rule::Mismatch, what, idle.place(), remedy)
         })
     }
 
@@ -304,15 +282,14 @@ impl Crosscheck<'_> {
                     .exemption(&self.system.image.name(section.function))
                     .is_none()
         });
-        let flaws = strange.map(|section| Flaw {
-            place: self.system.image.place(section.address),
-            ..mismatch(
-                format!(
-                    "a section holds up tasks up to priority {}, which is no resource's ceiling",
-                    section.ceiling.unwrap_or(0),
-                ),
-                "Build the ELF from this source; lock resources with RTIC only.",
-            )
+        let flaws = strange.map(|section| {
+            let ceiling = section.ceiling.unwrap_or(0);
+            let what = format!(
+                "a section holds up tasks up to priority {ceiling}, which is no resource's ceiling"
+            );
+            let remedy = "Build the ELF from this source; lock resources with RTIC only.";
+            self.system
+                .flaw(Rule::Mismatch, section.address, what, remedy)
         });
         flaws.collect()
     }

@@ -66,10 +66,8 @@ pub(crate) fn of(text: &str, config: &Config, root: &Path) -> (Vec<KnownFigures>
         for file in figure.by.iter().filter(|file| !root.join(file).is_file()) {
             let what =
                 format!("a `[[figure]]` of `schedule.toml` names `{file}`, which is no file");
-            flaws.push(misconfigured(
-                what,
-                "Name the file that keeps or checks it.",
-            ));
+            let remedy = "Name the file that keeps or checks it.";
+            flaws.push(misconfigured(what, remedy));
         }
     }
     let known = config.figure.iter().map(|figure| known(figure, &numbers));

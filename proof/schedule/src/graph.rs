@@ -13,7 +13,7 @@ use std::{
 };
 
 use self::table::Sweep;
-use crate::{Block, Decoder, Flaw, Image, Instruction, Operation, Rule};
+use crate::{Block, Decoder, Flaw, Image, Instruction, Operation, Rule, functions::PANIC_REMEDY};
 
 /// A function's blocks before anything is known of values and loops.
 pub(crate) struct Graph {
@@ -176,12 +176,8 @@ impl<'w, 'a> Walk<'w, 'a> {
             let what =
                 format!("execution would run off the code of this function at {address:#010x}");
             let from = self.instructions.keys().next_back().copied();
-            self.flaw(
-                Rule::ForbiddenInstruction,
-                from.unwrap_or(address),
-                what,
-                OUTSIDE,
-            );
+            let from = from.unwrap_or(address);
+            self.flaw(Rule::ForbiddenInstruction, from, what, OUTSIDE);
             return None;
         }
         let code = self.graphs.image.code(address)?;
@@ -190,12 +186,8 @@ impl<'w, 'a> Walk<'w, 'a> {
             Err(unknown) => {
                 let remedy =
                     "Teach the decoder this instruction, or keep the compiler from using it.";
-                self.flaw(
-                    Rule::UnknownInstruction,
-                    address,
-                    unknown.to_string(),
-                    remedy,
-                );
+                let what = unknown.to_string();
+                self.flaw(Rule::UnknownInstruction, address, what, remedy);
                 self.traps.insert(address);
                 None
             }
@@ -272,12 +264,8 @@ impl<'w, 'a> Walk<'w, 'a> {
     fn enter(&mut self, address: u32, to: u32) -> bool {
         if let Some(cycle) = self.graphs.cycle(to) {
             let what = format!("a function calls itself: {cycle}");
-            self.flaw(
-                Rule::Recursion,
-                address,
-                what,
-                "Write it as a loop with a bound.",
-            );
+            let remedy = "Write it as a loop with a bound.";
+            self.flaw(Rule::Recursion, address, what, remedy);
         }
         self.graphs.returns(to)
     }
@@ -306,12 +294,8 @@ impl<'w, 'a> Walk<'w, 'a> {
             .iter()
             .any(|frame| frame.function.contains("panicking") || frame.file.contains("panicking"));
         if is_panic {
-            self.flaw(
-                Rule::ReachablePanic,
-                address,
-                "a panic can be reached".to_owned(),
-                crate::functions::PANIC_REMEDY,
-            );
+            let what = "a panic can be reached".to_owned();
+            self.flaw(Rule::ReachablePanic, address, what, PANIC_REMEDY);
         } else {
             let what = "a trap (`UDF` or `BKPT`) can be reached".to_owned();
             let remedy = "Make the case impossible for the compiler to see, or handle it.";

@@ -187,6 +187,15 @@ impl Runs {
 }
 
 impl Bound {
+    /// A bound without a reason.
+    pub(crate) fn new(count: Count, origin: &str) -> Self {
+        Self {
+            count,
+            origin: origin.to_owned(),
+            reason: None,
+        }
+    }
+
     /// Whether a comment states it.
     pub(crate) fn is_stated(&self) -> bool {
         self.origin.contains(".rs:")

@@ -247,15 +247,8 @@ impl Checker {
         let site = &mut self.graph.sites[number];
         site.tasks |= 1 << task;
         activation.excluded |= site.excludes;
-        if let Some((section, cycles)) =
-            activation
-                .sections
-                .pass(number, site, activation.spent.cycles)
-        {
-            let address = self.graph.sites[section].address;
-            let longest = self.held.entry(address).or_default();
-            *longest = cycles.max(*longest);
-        }
+        let begun = activation.spent.cycles;
+        activation.sections.pass(site, begun, &mut self.held);
         let site = &self.graph.sites[number];
         if let Some(looped) = site.in_run {
             let excess = activation.count_run(number, looped, &self.graph);
@@ -309,11 +302,8 @@ impl Checker {
     /// Code that no task executes matters only for the time for which it holds tasks up.
     fn pass_elsewhere(&mut self, number: usize) {
         let site = &self.graph.sites[number];
-        if let Some((section, cycles)) = self.sections.pass(number, site, self.elsewhere) {
-            let address = self.graph.sites[section].address;
-            let longest = self.held.entry(address).or_default();
-            *longest = cycles.max(*longest);
-        }
+        let begun = self.elsewhere;
+        self.sections.pass(site, begun, &mut self.held);
         self.elsewhere += site.cycles;
         self.unsettled = true;
     }

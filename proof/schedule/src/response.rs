@@ -280,17 +280,6 @@ pub(crate) fn utilisation(system: &System<'_>, responses: &[Option<Response>]) -
     regimes.fold(0.0, f64::max)
 }
 
-/// A response that holds.
-struct Found {
-    response: Option<u64>,
-    cycles: u64,
-    share: f64,
-    via: &'static str,
-    substitution_cost: Option<f64>,
-    demand: Demand,
-    derivation: Derivation,
-}
-
 /// Which cost of a row counts in a window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
@@ -376,17 +365,8 @@ impl<'a> Window<'a> {
 
     fn respond(self) -> Response {
         let found = |own, others, more, via| {
-            let (response, substitution_cost, demand) = self.response(own, others, more);
-            let (cycles, share) = self.cost(own);
-            Found {
-                response,
-                cycles,
-                share,
-                via,
-                substitution_cost,
-                demand,
-                derivation: self.derivation(None),
-            }
+            let (cost, demand) = (self.cost(own), self.response(own, others, more));
+            self.answer(cost, via, demand, None)
         };
         let mut all = vec![found(Kind::Uncached, Kind::Uncached, 0, "uncached")];
         if self.is_cached && !self.is_certified {
@@ -416,29 +396,38 @@ impl<'a> Window<'a> {
             .min_by_key(|found| found.response.unwrap_or(u64::MAX));
         let best = best.unwrap_or_else(|| found(Kind::Uncached, Kind::Uncached, 0, "uncached"));
         Response {
-            arrival: self.own.arrival,
-            deadline: self.own.deadline,
-            cycles: best.cycles,
-            via: best.via,
             share: least_share.unwrap_or(best.share),
-            blocking: self.held_up(),
-            blocking_source: self.source(),
-            response: best.response,
-            substitution_cost: best.substitution_cost,
-            demand: best.demand,
-            derivation: best.derivation,
+            ..best
         }
     }
 
-    /// What a demand of the window is made of, with such rows in the cache.
-    fn derivation(&self, resident: Option<(Vec<usize>, Vec<usize>)>) -> Derivation {
-        Derivation {
-            regime: None,
-            resident,
-            substitution: self.substitution.map(Substitution::units_and_rounding),
-            section: self.blocking,
-            section_place: self.blocking_source.clone(),
-            section_retries: self.blocking_retries,
+    /// A response that holds: cycles and share of the row, response time and demand, with such rows in the cache.
+    fn answer(
+        &self,
+        (cycles, share): (u64, f64),
+        via: &'static str,
+        (response, substitution_cost, demand): (Option<u64>, Option<f64>, Demand),
+        resident: Option<(Vec<usize>, Vec<usize>)>,
+    ) -> Response {
+        Response {
+            arrival: self.own.arrival,
+            deadline: self.own.deadline,
+            cycles,
+            via,
+            share,
+            blocking: self.held_up(),
+            blocking_source: self.source(),
+            response,
+            substitution_cost,
+            demand,
+            derivation: Derivation {
+                regime: None,
+                resident,
+                substitution: self.substitution.map(Substitution::units_and_rounding),
+                section: self.blocking,
+                section_place: self.blocking_source.clone(),
+                section_retries: self.blocking_retries,
+            },
         }
     }
 
@@ -465,7 +454,7 @@ impl<'a> Window<'a> {
         preempting: &[&RowDemand],
         warm: usize,
         cold: usize,
-    ) -> Option<Found> {
+    ) -> Option<Response> {
         let tasks = PreemptingTasks::new(self.system, self.named, preempting, (warm, cold))?;
         let own = tasks.streams(self.own)?;
         let same = self.others.iter();
@@ -517,15 +506,11 @@ impl<'a> Window<'a> {
                 + yielding.iter().map(|it| it.0.all).max().unwrap_or(0)
                 + substitution_cost.once,
         };
-        Some(Found {
-            response: Some(demand.response(self.limit)?),
-            cycles: tasks.run(self.own.row)?.0.alone,
-            share,
-            via: "loops",
-            substitution_cost: self.substitution.map(|_| substitution_cost.units),
-            demand,
-            derivation: self.derivation(Some((tasks.warm, tasks.cold))),
-        })
+        let response = Some(demand.response(self.limit)?);
+        let units = self.substitution.map(|_| substitution_cost.units);
+        let cost = (tasks.run(self.own.row)?.0.alone, share);
+        let resident = Some((tasks.warm, tasks.cold));
+        Some(self.answer(cost, "loops", (response, units, demand), resident))
     }
 
     /// Whether what may be preempted in this window stores exclusively.

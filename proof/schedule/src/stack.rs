@@ -153,7 +153,7 @@ impl<'a> Depths<'a> {
         unknown.map_or(Ok(deepest.max(0) as u64), Err)
     }
 
-    /// Executes a block; the address where the depth is not known otherwise.
+    /// Executes a block; otherwise the address where the depth is not known.
     fn pass(
         &mut self,
         function: &Function,

@@ -54,10 +54,8 @@ fn missing(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     let flaws = missing.map(|(table, _)| {
         let what =
             format!("the program has a watchdog, and `schedule.toml` has no table [{table}]");
-        misconfigured(
-            what,
-            "Say in which order it starts, and where the watchdog is fed.",
-        )
+        let remedy = "Say in which order it starts, and where the watchdog is fed.";
+        misconfigured(what, remedy)
     });
     flaws.collect()
 }
@@ -82,10 +80,9 @@ fn missing_functions(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     let names = names(program);
     let missing = named.filter(|(_, name)| !names.iter().any(|full| is_named(full, name)));
     let flaws = missing.map(|(list, name)| {
-        misconfigured(
-            format!("{list} names `{name}`, which is no function of the program"),
-            "Correct the name, take it out, or say which programs have it.",
-        )
+        let what = format!("{list} names `{name}`, which is no function of the program");
+        let remedy = "Correct the name, take it out, or say which programs have it.";
+        misconfigured(what, remedy)
     });
     flaws.collect()
 }
@@ -108,13 +105,7 @@ fn of_startup(program: &Program<'_>, startup: &Startup) -> Vec<Flaw> {
     let mut functions = program.functions().values();
     let Some(function) = functions.find(|it| is_named(&it.name, &startup.function)) else {
         let what = format!("there is no function `{}`", startup.function);
-        let remedy = "Name it as the program does.";
-        return vec![Flaw::new(
-            Rule::Configuration,
-            what,
-            crate::Place::default(),
-            remedy,
-        )];
+        return vec![misconfigured(what, "Name it as the program does.")];
     };
     let order = Order {
         program,

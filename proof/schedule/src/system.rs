@@ -129,10 +129,7 @@ impl<'a> System<'a> {
         let Some(config) = self.config.task.get(&task.name) else {
             let what = format!("`schedule.toml` says nothing of the task `{}`", task.name);
             let remedy = "Give it a period and a deadline, or say why it has none.";
-            let mut flaw = misconfigured(what, remedy);
-            let place = format!("{} (src/app.rs:{})", task.name, task.line);
-            flaw.place.frames.push(place);
-            flaws.push(flaw);
+            flaws.push(Flaw::new(Rule::Configuration, what, task.place(), remedy));
             return;
         };
         let Some(own) = self.image.symbol(&task.vector) else {

@@ -42,17 +42,13 @@ pub(crate) fn report_loops(
     }
     let mut found = TasksWithoutDeadline {
         tasks: rows.iter().map(|row| row.name.clone()).collect(),
-        counted: 0,
-        fed: 0,
-        uncounted: watchdog
-            .uncounted
-            .iter()
+        uncounted: (watchdog.uncounted.iter())
             .map(|entry| UncountedLoops {
                 reason: entry.reason.clone(),
                 places: Vec::new(),
             })
             .collect(),
-        rest_cycles: None,
+        ..TasksWithoutDeadline::default()
     };
     let mut flaws = of_entries(watchdog);
     for function in system.program.functions_at(&reached) {
@@ -230,11 +226,7 @@ fn strip(function: &mut Function, excluded_by_watchdog: &BTreeSet<u32>) {
     for looped in &mut function.loops {
         if looped.bound.is_none() && looped.total.is_none() {
             looped.total = Some(Total {
-                bound: Bound {
-                    count: Count::Number(0),
-                    origin: String::new(),
-                    reason: None,
-                },
+                bound: Bound::new(Count::Number(0), ""),
                 per: None,
                 in_runs: BTreeSet::new(),
             });

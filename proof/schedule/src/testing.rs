@@ -72,11 +72,7 @@ pub(crate) fn store(at: u32, to: u32, value: Option<u32>) -> Store {
 }
 
 pub(crate) fn bound(count: Count) -> Bound {
-    Bound {
-        count,
-        origin: "test".to_owned(),
-        reason: None,
-    }
+    Bound::new(count, "test")
 }
 
 /// A loop with a bound.

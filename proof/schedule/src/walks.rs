@@ -23,7 +23,7 @@ impl Function {
         self.blocks.iter().flat_map(|block| &block.instructions)
     }
 
-    /// The functions that it calls and that return to it.
+    /// The functions whose calls in it return.
     pub(crate) fn returning_calls(&self) -> impl Iterator<Item = u32> {
         self.blocks.iter().filter_map(Block::returning_call)
     }
@@ -61,7 +61,7 @@ impl Block {
         self.successors.iter().map(|edge| edge.to)
     }
 
-    /// The function that it calls, if that returns to it.
+    /// The called function, if the call returns.
     pub(crate) fn returning_call(&self) -> Option<u32> {
         self.call.filter(|_| !self.traps)
     }

@@ -1,8 +1,8 @@
 //! Loops of one source file, and the comments that belong to them.
 
 use syn::{
-    Expr, ExprAsync, ExprClosure, ExprForLoop, ExprLoop, ExprWhile, ImplItemFn, ItemFn, Stmt,
-    TraitItemFn,
+    Expr, ExprAsync, ExprClosure, ExprForLoop, ExprLoop, ExprWhile, ImplItemFn, ItemFn, Signature,
+    Stmt, TraitItemFn,
     spanned::Spanned,
     visit::{self, Visit},
 };
@@ -199,6 +199,11 @@ impl Finder {
         });
     }
 
+    /// Visits a function: an async one is a closure itself.
+    fn function(&mut self, signature: &Signature, visit: impl FnOnce(&mut Self)) {
+        self.inside(usize::from(signature.asyncness.is_some()), visit);
+    }
+
     /// Visits what is inside a function, closure or `async` block.
     fn inside(&mut self, closures: usize, visit: impl FnOnce(&mut Self)) {
         let around = std::mem::replace(&mut self.closures, closures);
@@ -239,22 +244,19 @@ impl<'ast> Visit<'ast> for Finder {
         visit::visit_expr(self, expression);
     }
 
-    fn visit_item_fn(&mut self, function: &'ast ItemFn) {
-        let closures = usize::from(function.sig.asyncness.is_some());
-        self.inside(closures, |finder| visit::visit_item_fn(finder, function));
+    fn visit_item_fn(&mut self, found: &'ast ItemFn) {
+        self.function(&found.sig, |finder| visit::visit_item_fn(finder, found));
     }
 
-    fn visit_impl_item_fn(&mut self, function: &'ast ImplItemFn) {
-        let closures = usize::from(function.sig.asyncness.is_some());
-        self.inside(closures, |finder| {
-            visit::visit_impl_item_fn(finder, function);
+    fn visit_impl_item_fn(&mut self, found: &'ast ImplItemFn) {
+        self.function(&found.sig, |finder| {
+            visit::visit_impl_item_fn(finder, found);
         });
     }
 
-    fn visit_trait_item_fn(&mut self, function: &'ast TraitItemFn) {
-        let closures = usize::from(function.sig.asyncness.is_some());
-        self.inside(closures, |finder| {
-            visit::visit_trait_item_fn(finder, function);
+    fn visit_trait_item_fn(&mut self, found: &'ast TraitItemFn) {
+        self.function(&found.sig, |finder| {
+            visit::visit_trait_item_fn(finder, found);
         });
     }
 

@@ -25,8 +25,8 @@ pub(super) struct Call {
 }
 
 /// A section in which tasks are held up.
-pub(super) struct OpenSection {
-    pub(super) site: usize,
+struct OpenSection {
+    address: u32,
     /// Cycles spent before it.
     cycles: u64,
 }
@@ -36,24 +36,24 @@ pub(super) struct OpenSection {
 pub(super) struct Sections(Vec<OpenSection>);
 
 impl Sections {
-    /// Adds an instruction that takes the cycles after `before`; returns the section that ends
-    /// there, and its length.
-    pub(super) fn pass(&mut self, number: usize, site: &Site, before: u64) -> Option<(usize, u64)> {
+    /// Adds an instruction that takes the cycles after `before`. If a section ends there, its length counts in the
+    /// longest of its address.
+    pub(super) fn pass(&mut self, site: &Site, before: u64, longest: &mut BTreeMap<u32, u64>) {
+        let address = site.address;
         match site.gate {
-            Gate::None => None,
+            Gate::None => {}
             Gate::Closes => {
                 // One that was left without its end, as an initialisation may.
-                self.0.retain(|open| open.site != number);
-                self.0.push(OpenSection {
-                    site: number,
-                    cycles: before,
-                });
-                None
+                self.0.retain(|open| open.address != address);
+                let cycles = before;
+                self.0.push(OpenSection { address, cycles });
             }
-            Gate::Opens => self
-                .0
-                .pop()
-                .map(|open| (open.site, before + site.cycles - open.cycles)),
+            Gate::Opens => {
+                if let Some(open) = self.0.pop() {
+                    let longest = longest.entry(open.address).or_default();
+                    *longest = (before + site.cycles - open.cycles).max(*longest);
+                }
+            }
         }
     }
 }

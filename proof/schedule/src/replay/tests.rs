@@ -23,14 +23,6 @@ const LOAD: Operation = Operation::Load {
     writeback: None,
 };
 
-fn stated(count: Count, place: &str) -> Bound {
-    Bound {
-        count,
-        origin: place.into(),
-        reason: None,
-    }
-}
-
 fn block(address: u32, operations: &[Operation], successors: &[usize]) -> Block {
     let instructions = operations
         .iter()
@@ -61,14 +53,8 @@ fn function(address: u32, blocks: Vec<Block>) -> Function {
         address,
         name: format!("{address:x}"),
         blocks,
-        regions: BTreeMap::new(),
-        specials: BTreeMap::new(),
-        addresses: BTreeMap::new(),
-        saved: BTreeMap::new(),
-        stores: Vec::new(),
-        loops: Vec::new(),
-        flaws: Vec::new(),
         returns: true,
+        ..Function::default()
     }
 }
 
@@ -94,16 +80,13 @@ fn looping() -> Function {
         head: 1,
         blocks: [1].into(),
         back: [1].into(),
-        bound: Some(stated(Count::Named("turns".into()), "a.rs:7")),
-        counted: None,
-        stated: None,
+        bound: Some(Bound::new(Count::Named("turns".into()), "a.rs:7")),
         total: Some(Total {
-            bound: stated(Count::Number(3), "a.rs:8"),
+            bound: Bound::new(Count::Number(3), "a.rs:8"),
             per: None,
             in_runs: BTreeSet::from([1]),
         }),
-        lines: BTreeSet::new(),
-        within: String::new(),
+        ..Loop::default()
     });
     handler
 }
@@ -240,7 +223,7 @@ fn a_loop_that_exceeds_its_total_is_reported() {
 fn loops_that_name_a_total_share_it() {
     let mut plan = checker(9).plan;
     let total = Total {
-        bound: stated(Count::Named("turns".into()), "a.rs:8"),
+        bound: Bound::new(Count::Named("turns".into()), "a.rs:8"),
         per: None,
         in_runs: BTreeSet::new(),
     };

@@ -40,11 +40,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     }
     if let Some(count) = options.mutants {
         let are_found = mutants::run(&board, count, options.seed, options.write)?;
-        return Ok(if are_found {
-            ExitCode::SUCCESS
-        } else {
-            ExitCode::FAILURE
-        });
+        return Ok(exit_code(are_found));
     }
     if let Some(prefix) = &options.marks {
         marks::run(&board, prefix, options.write)?;
@@ -75,11 +71,10 @@ fn run(options: &Options) -> Result<ExitCode> {
     }
     if let Some(path) = &options.json {
         let json = serde_json::to_string(&report)? + "\n";
-        fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))?;
+        write(path, &json)?;
     }
     if let Some(path) = &options.html {
-        let page = page::page(&report, cargo::root())?;
-        fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
+        write(path, &page::page(&report, cargo::root())?)?;
     }
     if options.write {
         document::write(&report, &elf)?;
@@ -88,11 +83,19 @@ fn run(options: &Options) -> Result<ExitCode> {
         eprintln!("{}", text::flaw(flaw));
     }
     let is_confirmed = !options.replay || replay(&board, &elf, &report)?;
-    Ok(if report.flaws.is_empty() && is_confirmed {
+    Ok(exit_code(report.flaws.is_empty() && is_confirmed))
+}
+
+const fn exit_code(is_good: bool) -> ExitCode {
+    if is_good {
         ExitCode::SUCCESS
     } else {
         ExitCode::FAILURE
-    })
+    }
+}
+
+fn write(path: &Path, text: &str) -> Result<()> {
+    fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// The report on a program, and the answer of the checker to its certificate if that is asked for.
@@ -122,17 +125,14 @@ fn analyse(elf: &Path, board: &Board, options: &Options) -> Result<(Report, Opti
 
 /// Writes a certificate where that is asked for, and has it checked where that is: returns what the checker says.
 fn confirmed(certificate: &str, elf: &Path, options: &Options) -> Result<Option<String>> {
-    let write = |path: &Path| {
-        fs::write(path, certificate).with_context(|| format!("cannot write {}", path.display()))
-    };
     if let Some(path) = &options.certificate {
-        write(path)?;
+        write(path, certificate)?;
     }
     if !options.confirm {
         return Ok(None);
     }
     let path = elf.with_extension("certificate.json");
-    write(&path)?;
+    write(&path, certificate)?;
     Ok(Some(match schedule::confirm(elf, &path) {
         Ok(Ok(accepted)) => format!("certificate {accepted}"),
         Ok(Err(refused)) => bail!("the certificate of the proof is {refused}"),

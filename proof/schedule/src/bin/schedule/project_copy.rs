@@ -80,7 +80,7 @@ impl<'a> ProjectCopy<'a> {
         Ok(true)
     }
 
-    /// The text of a file, or the other one that it is to have.
+    /// The text of a file: the new text, if there is one.
     pub(crate) fn text(&self, texts: &Texts, file: &str) -> Result<String> {
         match texts.get(file) {
             Some(text) => Ok(text.clone()),
@@ -88,7 +88,7 @@ impl<'a> ProjectCopy<'a> {
         }
     }
 
-    /// Has something done with other texts of some files, which are as before afterwards.
+    /// Has something done with new texts of some files, which are as before afterwards.
     pub(crate) fn with<T>(&self, texts: &Texts, run: impl FnOnce() -> Result<T>) -> Result<T> {
         let mut before = Vec::new();
         for (file, text) in texts {

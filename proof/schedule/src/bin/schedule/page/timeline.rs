@@ -16,9 +16,9 @@ const ROW: f64 = 46.0;
 const BAR: (f64, f64) = (14.0, 20.0);
 /// Room for the names, and for the figures.
 const SIDES: (f64, f64) = (128.0, 150.0);
-/// Where words before and behind the rows are.
+/// Where words before and after the rows are.
 const BEFORE: f64 = SIDES.0 - 12.0;
-const BEHIND: f64 = WIDTH - SIDES.1 + 12.0;
+const AFTER: f64 = WIDTH - SIDES.1 + 12.0;
 const TOP: f64 = 10.0;
 /// Narrower waits are not worth a line of their own.
 const LEAST_WAIT: f64 = 1.0;
@@ -234,7 +234,7 @@ impl Stretch<'_> {
             "answer bad"
         };
         let deadline = format!("deadline {deadline} µs");
-        self.words(BEHIND, y, (class, &response), ("note", &deadline));
+        self.words(AFTER, y, (class, &response), ("note", &deadline));
     }
 
     fn blocker_row(&mut self, rows: usize) {
@@ -246,7 +246,7 @@ impl Stretch<'_> {
         let names = ("name end", "blocking");
         self.words(BEFORE, y, names, ("note end", "less urgent"));
         let answer = format!("{length} µs");
-        self.words(BEHIND, y, ("answer", &answer), ("note", "longest hold-up"));
+        self.words(AFTER, y, ("answer", &answer), ("note", "longest hold-up"));
         self.floor(y);
         self.bars(Runner::Blocker, y, "blocker");
     }
