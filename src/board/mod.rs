@@ -18,6 +18,7 @@ mod crystal;
 mod delay_timer;
 #[cfg(feature = "eeprom")]
 mod eeprom;
+mod enable_state;
 mod fault;
 #[cfg(not(feature = "eeprom"))]
 #[cfg_attr(feature = "qemu", path = "qemu/flash.rs")]

@@ -12,7 +12,7 @@
 
 use core::{
     cell::UnsafeCell,
-    sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed},
+    sync::atomic::{AtomicU32, Ordering::Relaxed},
 };
 
 use leadscrew::{
@@ -24,6 +24,7 @@ use leadscrew::{
 
 use super::{
     chosen,
+    enable_state::EnableState,
     wiring::{PortList, write_port},
 };
 
@@ -117,7 +118,7 @@ impl SharedMotors {
 }
 
 /// Whether coils are energised.
-static IS_ENABLED: AtomicBool = AtomicBool::new(false);
+static ENABLED: EnableState = EnableState::new();
 
 /// What [`configure`] has been told, as [`configuration`] returns it.
 static CONFIGURATION: AtomicU32 = AtomicU32::new(0);
@@ -187,23 +188,12 @@ pub(super) fn configure(settings: &Settings) {
             }
         }
     }
-    output_enable_again();
+    ENABLED.output_again(output_enable);
 }
 
 /// Energises the coils of all motors as their phases are, or none. For `prepare`, and before tasks run.
 pub(super) fn enable(on: bool) {
-    IS_ENABLED.store(on, Relaxed);
-    output_enable(on);
-}
-
-/// Outputs once more whether the coils are energised. `prepare` may change that in the middle: then the new state.
-fn output_enable_again() {
-    let mut output = None;
-    while output != Some(IS_ENABLED.load(Relaxed)) {
-        let on = IS_ENABLED.load(Relaxed);
-        output_enable(on);
-        output = Some(on);
-    }
+    ENABLED.set(on, output_enable);
 }
 
 fn output_enable(on: bool) {

@@ -12,7 +12,7 @@
 
 use core::{
     cell::UnsafeCell,
-    sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed},
+    sync::atomic::{AtomicU32, Ordering::Relaxed},
 };
 
 use leadscrew::{
@@ -21,6 +21,7 @@ use leadscrew::{
 
 use super::{
     chosen,
+    enable_state::EnableState,
     wiring::{MotorPins, Pin, PortList, write_port},
 };
 
@@ -117,7 +118,7 @@ impl NextWords {
 }
 
 /// Whether the drivers are enabled.
-static IS_ENABLED: AtomicBool = AtomicBool::new(false);
+static ENABLED: EnableState = EnableState::new();
 
 /// The polarities of the tables, as [`polarity`] returns them.
 static POLARITY: AtomicU32 = AtomicU32::new(0);
@@ -243,7 +244,7 @@ pub(super) fn configure(settings: &Settings) {
         store(words, &levels);
     }
     write_events(words(StepEvent::new(0, 0, u32::MAX)));
-    output_enable_again();
+    ENABLED.output_again(output_enable);
 }
 
 /// Makes the table, in which some motors stand.
@@ -282,18 +283,7 @@ fn make_table(settings: &Settings, standing: StandingMotors) {
 
 /// Enables or disables all drivers. For `prepare`, and before tasks run.
 pub(super) fn enable(on: bool) {
-    IS_ENABLED.store(on, Relaxed);
-    output_enable(on);
-}
-
-/// Outputs once more whether the drivers are enabled. `prepare` may change that in the middle: then the new state.
-fn output_enable_again() {
-    let mut output = None;
-    while output != Some(IS_ENABLED.load(Relaxed)) {
-        let on = IS_ENABLED.load(Relaxed);
-        output_enable(on);
-        output = Some(on);
-    }
+    ENABLED.set(on, output_enable);
 }
 
 fn output_enable(on: bool) {
