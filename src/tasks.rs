@@ -59,6 +59,9 @@ pub trait Platform {
         }
     }
 
+    /// Returns the time, ticks, wrapping: it goes on while steps are played.
+    fn now_ticks(&self) -> u32;
+
     /// Outputs a duty of the spindle PWM, 0 to [`Outputs::FULL`].
     fn set_duty(&mut self, duty: u16);
 }
@@ -190,6 +193,7 @@ pub fn segment_start(
 ) {
     let begun = segments.start_segment(event_tap);
     if let Some(duty) = begun.duty {
+        segments.set_begin(platform.now_ticks());
         platform.set_duty(duty);
     }
     platform.pend(Task::Prepare);
@@ -207,7 +211,8 @@ pub enum InputTrigger {
     Sample,
 }
 
-/// Filters the closed contacts. Returns whether a sample is needed after this run.
+/// Filters the closed contacts, and releases `prepare` when the next segment is due. Returns whether a sample is needed
+/// after this run.
 #[inline]
 pub fn inputs(
     trigger: InputTrigger,
@@ -229,25 +234,25 @@ pub fn inputs(
             actions.sample_again
         }
     };
-    if releases {
+    if releases || shared.segments.is_next_due(platform.now_ticks()) {
         platform.pend(Task::Prepare);
     }
     needs_sample
 }
 
-/// Looks at the level of the line and at the bytes that have come, so many periods of the timer of `inputs` after the
-/// last look. A part of `idle`.
+/// Looks at the level of the line and at the bytes that have come, so many milliseconds after the last look. A part of
+/// `idle`.
 pub fn sample_line(
     is_low: bool,
-    periods: u8,
+    elapsed_ms: u8,
     received: ByteCount<'_>,
     watches: &mut (BreakDetector, Utf8RequestWatch),
     requests: &Requests,
     platform: &mut impl Platform,
 ) {
     let (line, forms) = watches;
-    let has_break = line.sample(is_low, periods, received.enqueued(), requests);
-    let seen = forms.scan(periods, received, requests);
+    let has_break = line.sample(is_low, elapsed_ms, received.enqueued(), requests);
+    let seen = forms.scan(elapsed_ms, received, requests);
     if seen.has_requests {
         platform.pend(Task::Prepare);
     }
@@ -275,6 +280,7 @@ pub fn prepare(
     if platform.take_delay_end() {
         requests.end_delay();
     }
+    motion.set_time(platform.now_ticks());
     let prepared =
         snapshot.lock(|snapshot| motion.run(requests, inputs, segments, entries, events, snapshot));
     if let Some(event) = events.appended_late(segments) {

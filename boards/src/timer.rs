@@ -47,8 +47,8 @@ const PINS: [(u8, u8, &[&str]); 26] = [
 /// The timers with one channel.
 const SINGLE: [(u8, u8, &[&str]); 2] = [(13, 1, &["A6", "F8"]), (14, 1, &["A7", "F9"])];
 
-/// Timers that the firmware uses itself: 2 and 5 in the emulator, 4 for the clock of the RepRap dialect, 9 and
-/// 10 for `prepare` and `inputs`.
+/// Timers that the firmware uses itself: 2 in the emulator, 4 for the clock of the RepRap dialect, 5 for the clock of the
+/// motion, 9 and 10 for `prepare` and `inputs`.
 const USED: [u8; 5] = [2, 4, 5, 9, 10];
 
 impl PwmOutput {

@@ -7,6 +7,7 @@ use leadscrew::{
 
 use super::{
     delay_timer::DelayTimer,
+    motion_clock,
     outputs::{self, SwitchOutputs},
     pac,
     release::pend,
@@ -31,6 +32,10 @@ impl Actuators {
 impl Platform for Actuators {
     fn pend(&mut self, task: Task) {
         pend(task);
+    }
+
+    fn now_ticks(&self) -> u32 {
+        motion_clock::now_ticks()
     }
 
     fn set_duty(&mut self, duty: u16) {

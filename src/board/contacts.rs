@@ -12,13 +12,10 @@ use super::{
     wiring::{PortList, read_port},
 };
 
-/// Time between two runs while the inputs do not change, µs.
-pub(super) const IDLE_PERIOD_US: u16 = 1000;
+/// Time between two runs while the inputs do not change, µs: each also looks whether the next segment is due.
+pub(super) const IDLE_PERIOD_US: u16 = 500;
 /// Time between two samples, µs.
 const SAMPLE_PERIOD_US: u16 = (SAMPLE_TICKS / TICKS_PER_US) as u16;
-/// Where in each of these periods the timer sets a flag for `idle`, µs: far from their ends, which release `inputs` and
-/// so wake `idle`.
-const FLAG_US: u16 = 125;
 
 /// The timer of `inputs`.
 pub(super) struct SampleTimer(pac::TIM10);
@@ -29,8 +26,6 @@ impl SampleTimer {
         timer.psc().write(|w| w.psc().set(TIMERS_MHZ - 1));
         timer.cr1().write(|w| w.urs().set_bit());
         timer.dier().write(|w| w.uie().set_bit());
-        // By a compare channel without an output and an interrupt (RM0090 19.5.5).
-        timer.ccr1().write(|w| w.ccr().set(FLAG_US));
         set_period(&timer, IDLE_PERIOD_US);
         timer.cr1().write(|w| w.urs().set_bit().cen().set_bit());
         Self(timer)
@@ -92,19 +87,6 @@ pub(super) fn read() -> Levels {
         }
     }
     closed
-}
-
-/// Takes the flag of a period: returns whether one has passed since the last call, for `idle` alone. Of several, one
-/// counts: a break is noticed later, then.
-#[expect(unsafe_code, reason = "`inputs` owns the timer")]
-pub(super) fn take_period() -> bool {
-    // SAFETY: the flag is of this function alone, and ones leave the other flags as they are.
-    let timer = unsafe { &*pac::TIM10::ptr() };
-    let has_passed = timer.sr().read().cc1if().bit_is_set();
-    if has_passed {
-        timer.sr().write(|w| w.cc1if().clear_bit());
-    }
-    has_passed
 }
 
 /// Returns whether the sender's line is low. The level of a pin can be read also while a peripheral has it (RM0090

@@ -3,7 +3,7 @@
 //! # Cost
 //!
 //! None in tasks with deadlines: in `inputs` the look would cost 5 600 steps a second at 1 Mbaud. `idle` comes
-//! round once a millisecond at least, as `inputs` wakes it, unless the tasks need all of the time. [`LineLevel::check`]
+//! round twice a millisecond at least, as `inputs` wakes it, unless the tasks need all of the time. [`LineLevel::check`]
 //! is a function of its own: inlined into `idle`, the addresses of registers would be kept over all rounds, and the
 //! proof would not know them.
 
@@ -14,13 +14,15 @@ use leadscrew::{
     tasks,
 };
 
-use super::{contacts, release::ChipPlatform};
+use super::{contacts, motion_clock, release::ChipPlatform};
 
 /// The watch of `idle` over the line.
 pub(crate) struct LineLevel {
     watches: (BreakDetector, Utf8RequestWatch),
     /// Bytes of lines that have been received.
     received: ByteCount<'static>,
+    /// Time of the last millisecond that has been counted, ticks.
+    counted_ticks: u32,
 }
 
 impl LineLevel {
@@ -29,6 +31,7 @@ impl LineLevel {
         Self {
             watches: (BreakDetector::new(), Utf8RequestWatch::new()),
             received,
+            counted_ticks: 0,
         }
     }
 
@@ -37,7 +40,7 @@ impl LineLevel {
     pub(crate) fn check(&mut self, requests: &Requests) {
         tasks::sample_line(
             contacts::is_line_low(),
-            contacts::take_period().into(),
+            motion_clock::take_millisecond(&mut self.counted_ticks).into(),
             self.received,
             &mut self.watches,
             requests,

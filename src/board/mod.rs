@@ -29,6 +29,8 @@ pub(crate) mod host_clock;
 mod image_check;
 mod inputs;
 mod line_level;
+#[cfg_attr(feature = "qemu", path = "qemu/motion_clock.rs")]
+mod motion_clock;
 mod outputs;
 #[cfg_attr(feature = "phases", path = "phase_pins.rs")]
 mod pins;

@@ -14,7 +14,7 @@ use super::{
     clocks::{self, Clocks},
     fault, host_clock, image_check,
     inputs::InputInterrupts,
-    outputs, pac, pins, pwm, reset_state,
+    motion_clock, outputs, pac, pins, pwm, reset_state,
     serial::Receiver,
     stack,
     step_output::{StepPins, StepTimerToken},
@@ -82,6 +82,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
         fault::refuse(&["Firmware in flash is damaged: write it again"]);
     }
     let actuators = Actuators::new(device.TIM9);
+    motion_clock::start(&device.TIM5);
     host_clock::init(&device.TIM4);
     let (session, storage) = memory.power_up(Medium::new(device.FLASH));
     session.set_reset_cause(cause);
@@ -120,6 +121,7 @@ fn refuse_chip(usart: Usart, rcc: &Rcc, nvic: &mut pac::NVIC) -> ! {
 
 /// Starts the clocks of the peripherals that all boards use.
 fn start_peripherals(rcc: &mut Rcc) {
+    pac::TIM5::enable(rcc);
     pac::TIM9::enable(rcc);
     pac::TIM10::enable(rcc);
     if HAS_REPRAP {

@@ -20,7 +20,7 @@ use leadscrew::{
 };
 
 use super::{
-    outputs,
+    motion_clock, outputs,
     pac::Interrupt,
     trace,
     vectors::{PREPARE, SEGMENT_START, WAKE},
@@ -64,6 +64,10 @@ impl Platform for ChipPlatform {
         };
         // SAFETY: a write of 1 sets a bit, a write of 0 changes nothing (PM0214 4.3.4).
         unsafe { (*NVIC::PTR).ispr[0].write(mask) };
+    }
+
+    fn now_ticks(&self) -> u32 {
+        motion_clock::now_ticks()
     }
 
     fn set_duty(&mut self, duty: u16) {

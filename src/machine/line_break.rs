@@ -8,15 +8,14 @@
 
 use crate::model::Requests;
 
-/// Periods of the timer of `inputs` for which the line is low in a break: 40 ms, and 9 ms at least where contacts are
-/// being sampled. A byte is low for 9 bits at most, 0.94 ms at 9600 baud and 7.5 ms at 1200: it ends, and begins the
-/// count anew, before 9 ms are over. Senders make breaks of 100 ms and more.
-const BREAK_PERIODS: u8 = 40;
+/// Time for which the line is low in a break, ms. A byte is low for 9 bits at most, 0.94 ms at 9600 baud and 7.5 ms at
+/// 1200: it ends, and begins the count anew, long before. Senders make breaks of 100 ms and more.
+const BREAK_MS: u8 = 40;
 
 /// The watch of `idle` over the level of the line.
 #[derive(Debug)]
 pub struct BreakDetector {
-    /// Periods for which the line was low at each sample; at least [`BREAK_PERIODS`] in a break that has been requested.
+    /// Milliseconds for which the line was low at each sample; at least [`BREAK_MS`] in a break that has been requested.
     low: u8,
     /// [`Requests::activity`] when the count last began.
     activity: u32,
@@ -32,12 +31,12 @@ impl BreakDetector {
         }
     }
 
-    /// Takes a sample, so many periods after the last; `received` is the number of bytes of lines so far. Requests a
+    /// Takes a sample, so many milliseconds after the last; `received` is the number of bytes of lines so far. Requests a
     /// hold, once for each break. Returns whether it has.
     pub fn sample(
         &mut self,
         is_low: bool,
-        periods: u8,
+        elapsed_ms: u8,
         received: usize,
         requests: &Requests,
     ) -> bool {
@@ -45,7 +44,7 @@ impl BreakDetector {
             self.low = 0;
             return false;
         }
-        if self.low >= BREAK_PERIODS {
+        if self.low >= BREAK_MS {
             return false;
         }
         let activity = requests.activity(received);
@@ -55,8 +54,8 @@ impl BreakDetector {
             self.low = 0;
             return false;
         }
-        self.low = self.low.saturating_add(periods);
-        let is_break = self.low >= BREAK_PERIODS;
+        self.low = self.low.saturating_add(elapsed_ms);
+        let is_break = self.low >= BREAK_MS;
         if is_break {
             requests.request_line_break();
         }
@@ -80,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_low_for_40_periods_is_a_break_once() {
+    fn a_line_that_is_low_for_40_ms_is_a_break_once() {
         let (mut line, requests) = (BreakDetector::new(), Requests::new());
         // However many looks there are in a period.
         assert!((0..1000).all(|_| !line.sample(true, 0, 0, &requests)));

@@ -3,10 +3,10 @@
 use crate::units::{TICKS_PER_MS, TICKS_PER_US};
 
 /// Bounds the motion queued ahead below which `prepare` makes another segment before anything else,
-/// ticks, counted from the start of the segment being played. At the end of a segment of 1.5 ms, 2 ms
-/// remain for one other job and the next segment, which `cargo xtask schedule` proves. A feed hold
-/// waits for the motion queued and one more segment: 5 ms.
-pub const QUEUED_AHEAD_TICKS: u32 = 7 * TICKS_PER_MS / 2;
+/// ticks. `prepare` looks as each segment begins, and `inputs` twice in a millisecond: what remains then is for one other
+/// job and the next segment, which `cargo xtask schedule` proves. A feed hold waits for the motion queued and one more
+/// segment: 4.5 ms.
+pub const QUEUED_AHEAD_TICKS: u32 = 3 * TICKS_PER_MS;
 /// Length of a segment of a long motion, ticks.
 pub const SEGMENT_TICKS: u32 = TICKS_PER_MS;
 /// Longest segment, ticks.

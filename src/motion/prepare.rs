@@ -81,6 +81,8 @@ pub struct Motion<const ROOM: usize = BLOCKS> {
     control: Control,
     handled: HandledRequests,
     queue: SegmentQueue,
+    /// The time of the run, ticks of the motion's clock.
+    now_ticks: u32,
     activity: Activity,
     faults: Faults,
     delays: Delays,
@@ -194,6 +196,7 @@ impl<const ROOM: usize> Motion<ROOM> {
                 full: None,
                 is_first_next: false,
             },
+            now_ticks: 0,
             activity: Activity::Path,
             faults: Faults {
                 at_standstill: None,
@@ -341,6 +344,12 @@ impl Motion {
     /// `prepare` again, instead of after the delay asked for before. Without a value, that stays.
     pub fn take_delay_ms(&mut self) -> Option<u16> {
         self.delays.requested_ms.take()
+    }
+
+    /// Sets the time of the run that follows, ticks of the motion's clock.
+    #[inline]
+    pub const fn set_time(&mut self, now_ticks: u32) {
+        self.now_ticks = now_ticks;
     }
 
     /// Does one run, and publishes the machine in `snapshot`.

@@ -10,9 +10,8 @@ use crate::model::{Requests, queues::RECEIVED_RING};
 /// First byte of U+0080 to U+00BF.
 pub(super) const LATIN_1_LEAD: u8 = 0xc2;
 
-/// Periods of the timer of `inputs` after which the line counts as silent: 100 ms, and 25 ms at least where contacts
-/// are being sampled.
-const SILENT_PERIODS: u8 = 100;
+/// Time without a byte after which the line counts as silent, ms.
+const SILENT_MS: u8 = 100;
 
 /// Returns whether U+0080 to U+00BF, by its second byte, is a request; `is_first` in front of anything else of its line.
 pub(super) const fn is_utf8_request(byte: u8, is_first: bool) -> bool {
@@ -33,7 +32,7 @@ pub struct NewBytes {
 pub struct Utf8RequestWatch {
     /// Number of the next byte.
     next: usize,
-    /// Periods since a byte came.
+    /// Milliseconds since a byte came.
     silent: u8,
     /// Number of the byte that came after silence.
     fresh: usize,
@@ -50,15 +49,20 @@ impl Utf8RequestWatch {
         }
     }
 
-    /// Scans the new bytes, so many periods after the last scan, and makes the requests that have come.
-    pub fn scan(&mut self, periods: u8, received: ByteCount<'_>, requests: &Requests) -> NewBytes {
+    /// Scans the new bytes, so many milliseconds after the last scan, and makes the requests that have come.
+    pub fn scan(
+        &mut self,
+        elapsed_ms: u8,
+        received: ByteCount<'_>,
+        requests: &Requests,
+    ) -> NewBytes {
         let mut seen = NewBytes::default();
         let written = received.enqueued();
-        self.silent = self.silent.saturating_add(periods);
+        self.silent = self.silent.saturating_add(elapsed_ms);
         if written == self.next {
             return seen;
         }
-        if self.silent >= SILENT_PERIODS {
+        if self.silent >= SILENT_MS {
             self.fresh = self.next;
         }
         self.silent = 0;

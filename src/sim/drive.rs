@@ -65,6 +65,8 @@ pub struct Drive {
     watch: Watch,
     /// Time of the next sample of the inputs, ticks.
     sample_due: Option<u64>,
+    /// Time of the last look whether a segment is due, ticks.
+    looked: u64,
     /// Whether a contact has changed since the last run of `inputs`.
     is_edge_pending: bool,
     watches: (BreakDetector, Utf8RequestWatch),
@@ -116,6 +118,7 @@ impl Drive {
             contacts: Contacts::new(),
             watch: Watch::new(Levels::NONE, &inputs),
             sample_due: None,
+            looked: 0,
             is_edge_pending: false,
             watches: (BreakDetector::new(), Utf8RequestWatch::new()),
             sampled_bytes: 0,
@@ -275,17 +278,22 @@ impl Drive {
         self.is_edge_pending |= self.contacts.update();
     }
 
-    /// Runs `inputs` if an edge or a sample releases it. Its priority is above that of `prepare`.
+    /// Runs `inputs` if an edge, a sample or a due segment releases it. Its priority is above that of `prepare`.
     pub fn watch(&mut self, requests: &Requests, now: u64) {
         let is_edge = core::mem::take(&mut self.is_edge_pending);
-        if !is_edge && self.sample_due.is_none_or(|due| due > now) {
+        let is_sample = !is_edge && self.sample_due.is_some_and(|due| due <= now);
+        // What is due may have to wait: one look is enough.
+        let is_look = core::mem::replace(&mut self.looked, now) != now;
+        self.platform.now = now;
+        let is_due = is_look && self.segments.is_next_due(now as u32);
+        if !(is_edge || is_sample || is_due) {
             return;
         }
-        let trigger = if is_edge {
-            InputTrigger::Edge
-        } else {
+        let trigger = if is_sample {
             self.sample_due = None;
             InputTrigger::Sample
+        } else {
+            InputTrigger::Edge
         };
         let shared = SharedAtomics::new(requests, &self.inputs, &self.segments);
         let mut steps = VirtualSteps {
@@ -328,13 +336,13 @@ impl Drive {
         } else if received.enqueued() == self.sampled_bytes {
             return;
         }
-        let periods = (now - self.sampled_ticks) / u64::from(TICKS_PER_MS);
+        let elapsed_ms = (now - self.sampled_ticks) / u64::from(TICKS_PER_MS);
         (self.sampled_bytes, self.sampled_ticks) = (received.enqueued(), now);
         let is_low = self.line_sample_due.is_some();
-        let (periods, watches) = (periods.min(255) as u8, &mut self.watches);
+        let (elapsed_ms, watches) = (elapsed_ms.min(255) as u8, &mut self.watches);
         tasks::sample_line(
             is_low,
-            periods,
+            elapsed_ms,
             received,
             watches,
             requests,
@@ -454,6 +462,7 @@ impl Drive {
     /// Runs `segment_start` while it is released. Its priority is above that of all tasks here but
     /// `step`.
     fn segment_start(&mut self) {
+        self.platform.now = self.timer.now;
         while core::mem::take(&mut self.platform.is_segment_start_released) {
             let event_tap = self.events.split().0.tap();
             tasks::segment_start(&self.segments, event_tap, &mut self.platform);

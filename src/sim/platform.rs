@@ -48,6 +48,10 @@ impl Platform for VirtualPlatform {
         }
     }
 
+    fn now_ticks(&self) -> u32 {
+        self.now as u32
+    }
+
     fn set_duty(&mut self, duty: u16) {
         self.outputs.duty = duty;
     }

@@ -13,7 +13,7 @@ use crate::{
         compiler_fence,
     },
     axis::{AXES, Axes},
-    model::queues::SEGMENT_RING,
+    model::{queues::SEGMENT_RING, timing::MAX_SEGMENT_TICKS},
 };
 
 /// A segment in the ring.
@@ -62,6 +62,10 @@ pub struct SegmentRing {
     pushed: AtomicU32,
     /// Segments begun so far, wrapping.
     begun: AtomicU32,
+    /// Time at which the segment being played has begun, ticks of the motion's clock.
+    begin_ticks: AtomicU32,
+    /// The next segment is due when the generator's clock has been played up to here.
+    due_ticks: AtomicU32,
     /// The flags in force: all, or all but the duty.
     flags_mask: AtomicU32,
     /// The step interrupt runs.
@@ -90,6 +94,8 @@ impl SegmentRing {
             }; ENTRIES],
             pushed: AtomicU32::new(0),
             begun: AtomicU32::new(0),
+            begin_ticks: AtomicU32::new(0),
+            due_ticks: AtomicU32::new(0),
             flags_mask: AtomicU32::new(u32::MAX),
             running: AtomicBool::new(false),
             underrun: AtomicBool::new(false),
@@ -171,6 +177,42 @@ impl SegmentRing {
             duty: Some(self.duty_of(entry.flags.load(Relaxed))),
             has_more: again,
         }
+    }
+
+    /// Records the time at which a segment has begun; for `segment_start` alone.
+    pub fn set_begin(&self, now_ticks: u32) {
+        self.begin_ticks.store(now_ticks, Relaxed);
+    }
+
+    /// Returns the time that the segment being played has been played for at least, ticks: 0 while the step timer
+    /// stands.
+    ///
+    /// `played_start_ticks` is read before, and not after: of a segment that begins in between, too little is known
+    /// and not too much.
+    #[must_use]
+    pub(crate) fn elapsed_ticks(&self, now_ticks: u32) -> u32 {
+        if !self.is_running() {
+            return 0;
+        }
+        // Later than now if a segment has begun since the clock was read.
+        let elapsed = now_ticks
+            .wrapping_sub(self.begin_ticks.load(Relaxed))
+            .cast_signed();
+        elapsed.clamp(0, MAX_SEGMENT_TICKS.cast_signed()) as u32
+    }
+
+    /// Sets when the next segment is due, on the generator's clock; for `prepare` alone.
+    pub(crate) fn set_next_due(&self, due_ticks: u32) {
+        self.due_ticks.store(due_ticks, Relaxed);
+    }
+
+    /// Returns whether the next segment is due while steps are played.
+    #[must_use]
+    pub(crate) fn is_next_due(&self, now_ticks: u32) -> bool {
+        let played = self.played_start_ticks();
+        let played = played.wrapping_add(self.elapsed_ticks(now_ticks));
+        let late = played.wrapping_sub(self.due_ticks.load(Relaxed));
+        self.is_running() && late.cast_signed() > 0
     }
 
     /// Records an underrun, after the step interrupt has stopped in a segment, if something moved and

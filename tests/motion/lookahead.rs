@@ -348,7 +348,7 @@ fn an_override_that_comes_with_a_segment_due_brakes_within_the_limits() {
     let settings = with(&[80.0], &[6000.0], &[500.0]);
     let lines = (1..=120).map(|k| line(&[0.4 * f64::from(k)], 6000.0));
     let commands = number(&lines.collect::<Vec<_>>());
-    for edges in (1..60).step_by(3) {
+    for edges in (1..46).step_by(3) {
         let mut rig = Rig::new(&settings);
         for command in &commands {
             let work = rig.router.route(command).expect("it moves");

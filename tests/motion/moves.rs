@@ -135,6 +135,29 @@ fn steps_at_the_ends_of_segments_are_not_taken_for_acceleration() {
     );
 }
 
+/// `inputs` looks whether a segment is due, so that `prepare` need not wait for the next one to begin.
+#[test]
+fn a_segment_that_is_due_is_made_while_another_is_played() {
+    let settings = with(&[320.0], &[6000.0], &[500.0]);
+    let mut rig = Rig::new(&settings);
+    let commands = number(&[line(&[40.0], 6000.0)]);
+    let work = rig.router.route(&commands[0]).expect("it moves");
+    assert!(rig.enqueue(work));
+    rig.run_to(100 * u64::from(TICKS_PER_MS));
+    let queued = |rig: &Rig| rig.drive.segments.numbers().0;
+    let mut made = 0;
+    for _ in 0..100 {
+        let due = rig.drive.due().expect("it moves");
+        rig.run_to(due);
+        let (before, played) = rig.drive.segments.numbers();
+        rig.drive.watch(&rig.requests, rig.now);
+        rig.prepare();
+        assert_eq!(rig.drive.segments.numbers().1, played);
+        made += queued(&rig).wrapping_sub(before);
+    }
+    assert!(made > 2, "{made} segments");
+}
+
 #[test]
 fn a_flood_of_requests_does_not_have_the_queue_run_dry() {
     let settings = with(&[320.0], &[6000.0], &[500.0]);

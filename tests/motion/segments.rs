@@ -39,7 +39,7 @@ fn the_proof_counts_on_the_durations_of_segments_that_are_tested_here() {
         assert!(proof.contains(&format!("\n{formula}\n")), "{formula}");
     }
     let jitters = proof.lines().filter(|line| line.starts_with("jitter = "));
-    assert!(jitters.eq(["jitter = \"longest_segment\""; 3]));
+    assert!(jitters.eq(["jitter = \"look_interval\""; 3]));
 }
 
 /// Checks the length of each segment, and the number of segments in any stretch of time, also for the steps made in it.

@@ -6,7 +6,7 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_140),
     ("proof", 30_400),
-    ("src", 37_120),
+    ("src", 37_270),
     ("tests", 44_700),
     ("xtask", 23_650),
 ];

@@ -7,6 +7,7 @@ use leadscrew::{
 };
 
 use super::{
+    motion_clock,
     outputs::{self, SwitchOutputs},
     pac, qemu,
     release::pend,
@@ -29,6 +30,10 @@ impl Platform for Actuators {
     }
 
     #[inline]
+    fn now_ticks(&self) -> u32 {
+        motion_clock::now_ticks()
+    }
+
     fn set_duty(&mut self, duty: u16) {
         outputs::set_duty(duty);
     }

@@ -4,9 +4,7 @@ use leadscrew::machine::SAMPLE_TICKS;
 
 use super::{pac, qemu};
 
-pub(super) use qemu::{
-    memory::contacts as read, memory::is_line_low, take_millisecond as take_period,
-};
+pub(super) use qemu::{memory::contacts as read, memory::is_line_low};
 
 /// Time between two runs while the inputs do not change, µs: the stand-in counts milliseconds.
 pub(super) const IDLE_PERIOD_US: u16 = 1000;

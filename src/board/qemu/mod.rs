@@ -103,6 +103,11 @@ pub(super) fn count(ticks: u32) {
     DUE.store(NOW.load(Relaxed).wrapping_add(ticks), Relaxed);
 }
 
+/// Returns the time, ticks.
+pub(super) fn now_ticks() -> u32 {
+    NOW.load(Relaxed)
+}
+
 /// Returns the time of the next event, ticks.
 fn due() -> u32 {
     DUE.load(Relaxed)

@@ -206,7 +206,10 @@ impl Motion {
         if self.generator.is_open() {
             return self.queue.full != Some(conditions.played);
         }
-        let ahead = self.generator.clock_ticks().wrapping_sub(conditions.played);
+        let mut ahead = self.generator.clock_ticks().wrapping_sub(conditions.played);
+        if ahead >= QUEUED_AHEAD_TICKS {
+            ahead = ahead.saturating_sub(segments.elapsed_ticks(self.now_ticks));
+        }
         // A segment may last longer than that, and still needs another after it.
         let is_ahead = ahead >= QUEUED_AHEAD_TICKS && conditions.played != self.queue.newest;
         !is_ahead && segments.has_room()
@@ -357,7 +360,19 @@ impl Motion {
             return;
         }
         let is_done = self.generator.push_events(events);
+        segments.set_next_due(self.next_due());
         self.queue.full = (!is_done).then(|| segments.played_start_ticks());
+    }
+
+    /// Returns when the next segment is due, on the generator's clock: not soon when the machine comes to a standstill.
+    #[inline]
+    const fn next_due(&self) -> u32 {
+        let clock = self.generator.clock_ticks();
+        if self.is_in_motion() {
+            clock.wrapping_sub(QUEUED_AHEAD_TICKS)
+        } else {
+            clock.wrapping_add(1 << 30)
+        }
     }
 
     /// Begins a segment, or the standstill after the last one; returns false when there is neither.

@@ -89,3 +89,33 @@ fn no_segment_is_pushed_over_one_that_is_played_or_waits() {
     assert!(start_segment(&segments, &mut ring).duty.is_some());
     assert!(segments.has_room());
 }
+
+#[test]
+fn the_next_segment_is_due_when_so_much_of_the_played_one_has_been_played() {
+    let (segments, mut ring) = (SegmentRing::new(), EventRing::new());
+    push(&segments, &mut ring, 0, false);
+    segments.set_next_due(1_000);
+    assert!(!segments.is_next_due(5_000), "nothing is played");
+    set_up(&segments, &mut ring);
+    assert!(start_segment(&segments, &mut ring).duty.is_some());
+    let began = u32::MAX - 500;
+    segments.set_begin(began);
+    for (after, elapsed) in [
+        (0, 0),
+        (999, 999),
+        (1_000, 1_000),
+        (u32::MAX / 4, MAX_SEGMENT_TICKS),
+    ] {
+        let now = began.wrapping_add(after);
+        assert_eq!(segments.elapsed_ticks(now), elapsed);
+        assert_eq!(segments.is_next_due(now), elapsed > 1_000);
+    }
+    assert_eq!(
+        segments.elapsed_ticks(began - 1),
+        0,
+        "it began after the clock was read"
+    );
+    segments.stop();
+    assert_eq!(segments.elapsed_ticks(began.wrapping_add(2_000)), 0);
+    assert!(!segments.is_next_due(began.wrapping_add(2_000)));
+}

@@ -92,7 +92,7 @@ fn show(board: &Board) {
         let polled: Vec<_> = wiring.polled().iter().map(|input| input.key()).collect();
         let polled = match polled.as_slice() {
             [] => "every input interrupts".to_owned(),
-            polled => format!("looked at each millisecond: {}", polled.join(", ")),
+            polled => format!("looked at twice a millisecond: {}", polled.join(", ")),
         };
         let settings = match board.memory(axes).journal {
             Some([first, second]) => format!("sectors {} and {}", first.sector, second.sector),

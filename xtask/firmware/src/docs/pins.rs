@@ -11,7 +11,7 @@ pub(crate) fn table() -> Result<String> {
     let mut text = String::from(
         "# Pins\n\nMade of the files in `boards/` by `cargo xtask docs`. [Boards](boards.md) says how to write such a \
          file, [Wiring](wiring.md) what to connect. \"Low\" is an output that is active low, \"high\" an input that is active high. *Slow*: the input shares \
-         its interrupt line with another one and is looked at each millisecond, instead of at once. Sources: one that ends in \"only\" is the only one that was found for it.\n\n\
+         its interrupt line with another one and is looked at twice a millisecond, instead of at once. Sources: one that ends in \"only\" is the only one that was found for it.\n\n\
          | board | `--board` | chip | crystal | axes |\n|---|---|---|---|---|\n",
     );
     for board in &boards {
