@@ -12,6 +12,8 @@ pub mod cargo;
 #[cfg(feature = "terminal")]
 pub mod check;
 #[cfg(feature = "terminal")]
+pub mod document;
+#[cfg(feature = "terminal")]
 pub mod install;
 #[cfg(feature = "terminal")]
 pub mod options;

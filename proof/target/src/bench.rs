@@ -9,6 +9,7 @@
 mod emulator;
 mod figures;
 mod monitor;
+mod page;
 mod profile;
 mod report;
 mod sender;
@@ -21,11 +22,12 @@ use anstream::println;
 use anyhow::{Context, Result, ensure};
 use common::options::Bench as Options;
 use common::{cargo, ui};
-use firmware::boards::compile;
+use firmware::{boards::compile, image::compiler};
 use owo_colors::OwoColorize;
 
 use emulator::Emulator;
-use figures::{Parts, Run};
+use figures::{Figure, Parts, Run};
+use page::Page;
 #[cfg(feature = "probe")]
 pub(crate) use sender::Sender;
 use tasks::Names;
@@ -85,8 +87,10 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
         };
         names.apply(&mut run.settings);
         names.apply(&mut run.whole);
-        println!("\n{}", workload.name.bold());
-        tasks::print(&run.whole);
+        if !options.check {
+            println!("\n{}", workload.name.bold());
+            tasks::print(&run.whole);
+        }
         if options.profile {
             profile::print(&run.whole, &elf)?;
         }
@@ -109,10 +113,23 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
         pass: profile::cost_of(&replanned.whole, &elf, &PASS)?.per(blocks.div_ceil(100)),
     };
     let figures = figures::all([&one, &three, &lines, &raster], parts)?;
+    let page = Page::new(&figures, &board.name, &compiler(&elf)?);
+    output(&figures, &page, &one.whole.model, options)
+}
+
+/// Puts the figures where they are asked for.
+fn output(figures: &[Figure], page: &Page, model: &str, options: &Options) -> Result<()> {
+    if options.check {
+        page.check()?.print();
+        return Ok(());
+    }
     println!();
-    figures::print(&figures);
+    figures::print(figures);
+    if options.write {
+        page.write()?;
+    }
     if let Some(path) = &options.json {
-        let json = figures::json(&figures, &one.whole.model);
+        let json = figures::json(figures, model);
         fs::write(path, format!("{json:#}\n"))
             .with_context(|| format!("cannot write {}", path.display()))?;
     }

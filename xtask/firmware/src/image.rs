@@ -1,9 +1,11 @@
-//! The step rate that a firmware is proven for, in its image: `static PROVEN` of `src/board/proven.rs`.
+//! What is in the image of a firmware: the step rate that it is proven for, `static PROVEN` of `src/board/proven.rs`,
+//! and its compiler.
 
 use std::path::Path;
 
 use crate::boards::{compile, image::PatchedWords, seal};
 use anyhow::{Context, Result};
+use object::{File, Object, ObjectSection};
 
 /// The mark and the rate, Hz.
 const PROVEN: PatchedWords = PatchedWords {
@@ -30,6 +32,18 @@ fn write_rate(image: &mut [u8], hz: u32) -> Result<()> {
     let words = PROVEN.place(image)?;
     image[words.start + 4..words.end].copy_from_slice(&hz.to_le_bytes());
     Ok(())
+}
+
+/// The compiler that made a program, as it signs.
+pub fn compiler(elf: &Path) -> Result<String> {
+    let image = compile::read(elf)?;
+    let file = File::parse(&*image).with_context(|| format!("{} is no ELF file", elf.display()))?;
+    let section = file.section_by_name(".comment");
+    let section = section.context("the ELF names no compiler")?;
+    let signatures = String::from_utf8_lossy(section.data()?);
+    let mut signatures = signatures.split('\0');
+    let rustc = signatures.find(|it| it.starts_with("rustc"));
+    Ok(rustc.context("the ELF names no rustc")?.to_owned())
 }
 
 #[cfg(test)]

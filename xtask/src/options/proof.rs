@@ -112,6 +112,12 @@ pub struct Bench {
     /// Write the figures to a file
     #[arg(long, value_name = "FILE")]
     pub json: Option<OutputPath>,
+    /// Write the figures that docs/benchmarks.md shows
+    #[arg(long, conflicts_with = "elf")]
+    pub write: bool,
+    /// Print no figures, and fail when docs/benchmarks.md shows others
+    #[arg(long, conflicts_with_all = ["elf", "json", "profile", "write"])]
+    pub check: bool,
     /// Show where the cycles go: by task, function and source line
     #[arg(long)]
     pub profile: bool,

@@ -83,15 +83,15 @@ impl Run {
 
 /// One figure of the result.
 pub(super) struct Figure {
-    key: &'static str,
-    meaning: &'static str,
-    cost: Cost,
+    pub(super) key: &'static str,
+    pub(super) meaning: &'static str,
+    pub(super) cost: Cost,
     /// Cycles it should not exceed.
-    target: Option<f64>,
+    pub(super) target: Option<f64>,
     /// Its terms, by task.
-    parts: Vec<(String, Cost)>,
+    pub(super) parts: Vec<(String, Cost)>,
     /// The part for the times of the steps.
-    step_times: Option<Cost>,
+    pub(super) step_times: Option<Cost>,
 }
 
 impl Figure {

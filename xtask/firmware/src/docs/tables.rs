@@ -1,10 +1,10 @@
 //! Tables of boards within documents: each stands between two comments.
 
-use std::{fmt::Write as _, fs};
+use std::fmt::Write as _;
 
 use anyhow::{Context, Result};
 use board_data::Board;
-use common::{cargo, text::separated};
+use common::{cargo, document, text::separated};
 use firmware::boards::rates;
 
 /// A table that is made, and the document that it stands in.
@@ -33,10 +33,8 @@ pub(crate) const TABLES: [Table; 2] = [
 impl Table {
     /// Returns the document with the table as it has to be.
     pub(crate) fn document(&self) -> Result<String> {
-        let document = fs::read_to_string(cargo::root().join(self.path))
-            .with_context(|| format!("cannot read {}", self.path))?;
         let table = (self.make)(&Board::all(cargo::root())?)?;
-        replaced(&document, self.name, &table)
+        replaced(&document::read(self.path)?, self.name, &table)
             .with_context(|| format!("{} has no place for the table {}", self.path, self.name))
     }
 }
@@ -44,10 +42,8 @@ impl Table {
 /// Returns a document with a table between the comments of its name.
 fn replaced(document: &str, name: &str, table: &str) -> Option<String> {
     let begin = format!("<!-- {name}: made by `cargo xtask docs` -->\n");
-    let (before, rest) = document.split_once(&begin)?;
     let end = format!("<!-- end of {name} -->\n");
-    let (_, after) = rest.split_once(&end)?;
-    Some(format!("{before}{begin}\n{table}\n{end}{after}"))
+    document::with_part(document, &begin, &end, &format!("\n{table}\n"))
 }
 
 /// The boards, with what a user wants to know of each.

@@ -6,12 +6,13 @@
 use std::{fmt::Write as _, fs, path::Path};
 
 use anyhow::{Context, Result, bail, ensure};
+use common::document::{read, with_part};
 use common::{cargo, text::separated, ui};
-use object::{Object, ObjectSection};
+use firmware::image::compiler;
 use schedule::Report;
 use serde_json::Value;
 
-use crate::{page, project_copy::with_part, text};
+use crate::{page, text};
 
 const PAGE: &str = "docs/schedule.html";
 const JSON: &str = "docs/schedule.json";
@@ -47,7 +48,8 @@ impl Made {
 
     /// The document with the table in it.
     fn text(&self, old: &str) -> Result<String> {
-        with_part(TEXT, old, (BEGIN, END), &self.block)
+        let text = with_part(old, BEGIN, END, &self.block);
+        text.with_context(|| format!("{TEXT} has no line {BEGIN}"))
     }
 }
 
@@ -87,24 +89,6 @@ pub(super) fn check(report: &Report, elf: &Path) -> Result<String> {
         }
     }
     Ok("the documents show this report".into())
-}
-
-fn read(path: &str) -> Result<String> {
-    fs::read_to_string(cargo::root().join(path)).with_context(|| format!("cannot read {path}"))
-}
-
-/// The compiler that made a program, as it signs.
-fn compiler(elf: &Path) -> Result<String> {
-    let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
-    let file = object::File::parse(&*bytes)
-        .with_context(|| format!("{} is no ELF file", elf.display()))?;
-    let section = file
-        .section_by_name(".comment")
-        .context("the ELF names no compiler")?;
-    let comment = String::from_utf8_lossy(section.data()?).into_owned();
-    let mut signatures = comment.split('\0');
-    let rustc = signatures.find(|signature| signature.starts_with("rustc"));
-    Ok(rustc.context("the ELF names no rustc")?.to_owned())
 }
 
 /// The report for programs, without the file's hash: the file has names of folders in it.

@@ -12,11 +12,11 @@ use std::{
 
 use anstream::println;
 use anyhow::{Context, Result};
-use common::{cargo, text::separated, ui};
+use common::{cargo, document, text::separated, ui};
 use firmware::boards::Board;
 use schedule::{Report, SourceFile};
 
-use crate::project_copy::{self, ProjectCopy};
+use crate::project_copy::ProjectCopy;
 
 /// Where the documents show what was found.
 const TEXT: &str = "docs/marks.md";
@@ -118,7 +118,7 @@ pub(super) fn run(board: &Board, prefix: &str, write: bool) -> Result<()> {
             );
             fs::write(root.join(file), text).with_context(|| format!("cannot write {file}"))?;
         }
-        project_copy::show(TEXT, BEGIN, END, &table)?;
+        document::write_part(TEXT, BEGIN, END, &table)?;
     }
     Ok(())
 }

@@ -20,11 +20,11 @@ use std::{cmp::Reverse, collections::BTreeMap, env, fmt::Write as _, fs, path::P
 
 use anstream::println;
 use anyhow::{Context, Result, anyhow};
-use common::{cargo, ui};
+use common::{cargo, document, ui};
 use firmware::boards::Board;
 use serde::{Deserialize, Serialize};
 
-use crate::project_copy::{self, ProjectCopy, Texts};
+use crate::project_copy::{ProjectCopy, Texts};
 use fault::{FAULTS, Fault};
 use site::{Draw, Site};
 
@@ -64,7 +64,7 @@ pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result
     let mut builder = MutantBuilder::new(board)?;
     let show = |begin: &str, end: &str, body: &str| {
         println!("{body}");
-        let shown = write.then(|| project_copy::show(TEXT, begin, end, body));
+        let shown = write.then(|| document::write_part(TEXT, begin, end, body));
         shown.transpose()
     };
     let body = comments::set_to_one(&builder.copy)?;
@@ -101,7 +101,7 @@ pub(super) fn run(board: &Board, count: usize, seed: u64, write: bool) -> Result
     println!("{table}");
     if write {
         let body = format!("{count} mutants, drawn with the seed {seed}:\n\n{table}");
-        project_copy::show(TEXT, BEGIN, END, &body)?;
+        document::write_part(TEXT, BEGIN, END, &body)?;
     }
     Ok(are_refused && tallies.iter().all(|tally| tally.survivors.is_empty()))
 }

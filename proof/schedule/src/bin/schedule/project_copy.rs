@@ -7,7 +7,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, anyhow, ensure};
-use common::{cargo, ui};
+use common::cargo;
 use firmware::boards::Board;
 use object::{Object, ObjectSegment};
 use schedule::{Clock, Input, Report};
@@ -140,26 +140,4 @@ fn copy(from: &Path, to: &Path) -> Result<()> {
 
 fn read(path: &Path) -> Result<String> {
     fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
-}
-
-/// Puts a text into a document, between two lines.
-pub(crate) fn show(document: &str, begin: &str, end: &str, body: &str) -> Result<()> {
-    let path = cargo::root().join(document);
-    let text = with_part(document, &read(&path)?, (begin, end), body)?;
-    fs::write(&path, text)?;
-    ui::status("Written", document);
-    Ok(())
-}
-
-/// Returns the text of a document with another part between two lines.
-pub(crate) fn with_part(
-    document: &str,
-    text: &str,
-    (begin, end): (&str, &str),
-    part: &str,
-) -> Result<String> {
-    let missing = |line| format!("{document} has no line {line}");
-    let (head, rest) = text.split_once(begin).with_context(|| missing(begin))?;
-    let (_, tail) = rest.split_once(end).with_context(|| missing(end))?;
-    Ok(format!("{head}{begin}{part}{end}{tail}"))
 }
