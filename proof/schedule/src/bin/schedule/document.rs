@@ -19,6 +19,8 @@ const JSON: &str = "docs/schedule.json";
 const TEXT: &str = "docs/scheduling.md";
 const BEGIN: &str = "<!-- begin: cargo xtask schedule --write -->\n";
 const END: &str = "<!-- end -->\n";
+const BEGIN_PROMISE: &str = "<!-- begin: promise, cargo xtask schedule --write -->\n";
+const END_PROMISE: &str = "<!-- end of promise -->\n";
 /// Whose report it is.
 const BOARD: &str = "netduino-plus-2";
 const AXES: u8 = 3;
@@ -27,6 +29,7 @@ const AXES: u8 = 3;
 struct Made {
     page: String,
     json: String,
+    promise: String,
     block: String,
     compiler: String,
 }
@@ -41,15 +44,17 @@ impl Made {
         Ok(Self {
             page: page::page(report, cargo::root())?,
             json: json(report, &compiler)?,
+            promise: text::promises(report).join("\n* ") + "\n",
             block: block(report, &compiler),
             compiler,
         })
     }
 
-    /// The document with the table in it.
+    /// The document with what is promised and the tables in it.
     fn text(&self, old: &str) -> Result<String> {
-        let text = with_part(old, BEGIN, END, &self.block);
-        text.with_context(|| format!("{TEXT} has no line {BEGIN}"))
+        let text = with_part(old, BEGIN_PROMISE, END_PROMISE, &self.promise);
+        let text = text.and_then(|text| with_part(&text, BEGIN, END, &self.block));
+        text.with_context(|| format!("{TEXT} has no line {BEGIN_PROMISE} or {BEGIN}"))
     }
 }
 
@@ -160,6 +165,7 @@ mod tests {
         Made {
             page: String::new(),
             json: json(&report, "rustc version 1.95.0").unwrap(),
+            promise: "promise\n".into(),
             block: block(&report, "rustc version 1.95.0 (59807616e 2026-04-14)"),
             compiler: "rustc version 1.95.0".into(),
         }
@@ -167,10 +173,10 @@ mod tests {
 
     #[test]
     fn the_block_stands_between_its_marks_and_nothing_else_changes() {
-        let old = format!("before\n{BEGIN}old\n{END}after\n");
+        let old = format!("before\n{BEGIN_PROMISE}old\n{END_PROMISE}{BEGIN}old\n{END}after\n");
         let text = made().text(&old).unwrap();
         assert!(text.starts_with(&format!(
-            "before\n{BEGIN}`cargo xtask schedule` on netduino-plus-2"
+            "before\n{BEGIN_PROMISE}promise\n{END_PROMISE}{BEGIN}`cargo xtask schedule` on netduino-plus-2"
         )));
         assert!(text.ends_with(&format!("{END}after\n")));
         assert!(!text.contains("old\n"));

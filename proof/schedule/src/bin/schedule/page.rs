@@ -45,6 +45,7 @@ pub(super) fn page(report: &Report, root: &Path) -> Result<String> {
         report.axes
     );
     text += &headline(report);
+    text += &promises(report);
     text += &cards(report);
     text += &sections::flaws(report);
     text += &sections::tasks(report);
@@ -132,6 +133,16 @@ fn headline(report: &Report) -> String {
                  measured on a board.</p>\n";
     }
     text
+}
+
+/// What is promised, if all is proven.
+fn promises(report: &Report) -> String {
+    let sentences = text::promises(report);
+    let Some((lead, others)) = sentences.split_first() else {
+        return String::new();
+    };
+    let others = escaped(&others.join("\n")).replace('\n', "</li>\n<li>");
+    heading("What is promised", lead) + "<ul>\n<li>" + &others + "</li>\n</ul>\n"
 }
 
 /// The figures to remember.

@@ -1,6 +1,6 @@
 //! The report as a table in the terminal.
 
-use std::{collections::BTreeMap, fmt::Write as _};
+use std::{collections::BTreeMap, fmt::Write as _, iter};
 
 use common::text::separated;
 use owo_colors::OwoColorize;
@@ -24,6 +24,46 @@ pub(super) fn shown_us(us: f64) -> String {
             format!("{sign}{}", separated(us.abs().round() as u64))
         }
     }
+}
+
+/// What is promised, and by which row.
+const PROMISES: [(&str, &str); 7] = [
+    ("No step comes late", "step"),
+    ("No received byte is lost", "serial_rx"),
+    ("The laser and the position follow", "segment_start"),
+    ("A limit switch, the probe or a button is read", "inputs"),
+    ("The motion does not run out of steps", "prepare: segment"),
+    ("Nor with limits of jerk", "prepare: jerk_limited_segment"),
+    ("A feed hold or a reset is taken up", "prepare: requests"),
+];
+
+/// What a proof promises, a sentence each, the first about the others; nothing, where a deadline can be missed.
+pub(super) fn promises(report: &Report) -> Vec<String> {
+    if report.flaws.len() > unmet(report) {
+        return Vec::new();
+    }
+    let us = |cycles| shown_us(micros(report, cycles));
+    let rows = PROMISES.iter().filter_map(|(promise, name)| {
+        let task = report.tasks.iter().find(|task| task.name == *name)?;
+        let (response, deadline) = (us(task.response_cycles? as f64), us(task.deadline_cycles?));
+        Some(format!(
+            "{promise}: {name} takes {response} of {deadline} µs."
+        ))
+    });
+    let point = (report.step_rate_hz, report.baud);
+    let mut waits = report.undeadlined_waits.iter();
+    let wait = waits.find(|it| (it.step_rate_hz, it.baud) == point);
+    let wait = wait.and_then(|it| it.cycles).map(|cycles| {
+        let wait = us(cycles as f64);
+        format!(
+            "A status request (?) waits {wait} µs for these, and besides for the line being read."
+        )
+    });
+    let [hz, baud] = [point.0, point.1].map(|it| separated(it.into()));
+    let lead = format!(
+        "At {hz} steps a second of all axes and {baud} baud, whatever comes together, from release to end at most:"
+    );
+    iter::once(lead).chain(rows).chain(wait).collect()
 }
 
 /// How far figures are known, and the files that keep or check them.
@@ -428,6 +468,18 @@ mod tests {
             words,
             ["wake", "1", "-", "-", "-", "-", "none", "-", "0", "0"]
         );
+    }
+
+    #[test]
+    fn what_is_promised_is_said_where_no_deadline_is_missed() {
+        let sentences = promises(&sample::report());
+        assert!(sentences.len() <= 10 && sentences[0].starts_with("At 150 000 steps"));
+        assert_eq!(
+            sentences[1],
+            "No step comes late: step takes 1.85 of 2.00 µs."
+        );
+        assert!(sentences.concat().contains("(?) waits 4 225 µs for these"));
+        assert!(promises(&sample::flawed()).is_empty());
     }
 
     #[test]
