@@ -106,9 +106,11 @@ fn run(input: &Input<'_>, certifies: bool) -> Result<(Report, Option<String>), S
             .map(|measured| measured.file.clone()),
         axes: input.axes,
         clock_hz: input.clock.hclk_hz,
+        timer_hz: input.clock.timer_hz,
         step_rate_hz: input.step_rate_hz.unwrap_or(config.table.step_rate_hz),
         baud: input.baud.unwrap_or(config.program.baud),
         assumptions: config.table.assumptions.clone(),
+        constants: config.program.constants.clone(),
         figures,
         flaws,
         ..Report::default()

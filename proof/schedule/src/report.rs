@@ -21,6 +21,8 @@ pub struct Report {
     pub axes: u8,
     /// Clock of the core, Hz.
     pub clock_hz: u64,
+    /// Clock of the step timer, Hz: its ticks.
+    pub timer_hz: u64,
     /// Step rate that the table is for: pulses of all axes together, per second.
     pub step_rate_hz: u32,
     /// Baud rate that the table is for.
@@ -61,6 +63,8 @@ pub struct Report {
     pub requirements: Vec<Requirement>,
     /// The assumptions of the proof, a sentence each.
     pub assumptions: Vec<String>,
+    /// The constants of the program that `schedule.toml` may name.
+    pub constants: BTreeMap<String, f64>,
     /// The numbers of `schedule.toml` that it counts on.
     pub figures: Vec<KnownFigures>,
     /// The comments that state bounds which nothing counts.

@@ -15,7 +15,7 @@ const RECEIVED_BYTE_BITS: f64 = 9.5;
 #[derive(Debug, Clone, Default)]
 pub struct ProgramNumbers {
     /// The constants by their names.
-    constants: BTreeMap<String, f64>,
+    pub(crate) constants: BTreeMap<String, f64>,
     /// Clock of the core and of the step timer, Hz.
     clocks: (f64, f64),
     /// The baud rate of the program.

@@ -393,6 +393,7 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
         ),
         ("cache lines", lines.collect::<Vec<_>>().join(", ")),
         ("releases", releases(report)),
+        ("constants", constants(report)),
         ("loop bounds", loop_bounds(report)),
         (
             "stack",
@@ -416,6 +417,19 @@ fn releases(report: &Report) -> String {
         format!("{task}: {}", of.join(", "))
     });
     all.collect::<Vec<_>>().join("; ")
+}
+
+/// The constants of the program, and those that are times in µs.
+fn constants(report: &Report) -> String {
+    let all = report.constants.iter().map(|(name, value)| {
+        let ticks_us = value * 1e6 / report.timer_hz.max(1) as f64;
+        match name.rsplit('_').next() {
+            Some("TICKS") => format!("{name} = {} µs", shown(ticks_us)),
+            Some("US") => format!("{name} = {} µs", shown(*value)),
+            _ => format!("{name} = {}", shown(*value)),
+        }
+    });
+    all.collect::<Vec<_>>().join(", ")
 }
 
 /// One flaw: description, place and remedy.
@@ -552,6 +566,22 @@ mod tests {
         assert_eq!(readable(place), "the lock of `snapshot` (src/app.rs:23)");
         assert_eq!(readable("erase (src/a.rs:1)"), "erase (src/a.rs:1)");
         assert!(readable("").contains("bus"));
+    }
+
+    #[test]
+    fn a_constant_that_is_a_time_has_its_unit() {
+        let constants = [("A_TICKS", 128.0), ("B_US", 700.0), ("C", 2048.0)];
+        let report = Report {
+            constants: constants
+                .map(|(name, value)| (name.to_owned(), value))
+                .into(),
+            timer_hz: 84_000_000,
+            ..Report::default()
+        };
+        assert_eq!(
+            super::constants(&report),
+            "A_TICKS = 1.52 µs, B_US = 700 µs, C = 2 048"
+        );
     }
 
     #[test]
