@@ -13,7 +13,7 @@ use crate::{
     calibration::Measured,
     certificate, code_in_ram,
     crosscheck::Crosscheck,
-    exception_returns, figures, findings, guarded_stores,
+    errata, figures, findings, guarded_stores,
     model::OUTSTANDING_TRANSFER,
     modes, pin_edge_jitter, races,
     registers::Registers,
@@ -182,7 +182,7 @@ fn check_code(system: &System<'_>, sections: &[Held], report: &mut Report) {
     flaws.extend(unanalysed_code::flaws(program, config));
     flaws.extend(modes::flaws(system));
     flaws.extend(code_in_ram::flaws(program, config));
-    flaws.extend(exception_returns::flaws(program, system.app, config));
+    flaws.extend(errata::flaws(program, system.app, config));
     flaws.extend(guarded_stores::flaws(program, config));
     flaws.extend(races::flaws(program, system.app, config, sections));
     flaws.extend(startup::flaws(program, config));

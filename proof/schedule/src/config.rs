@@ -259,9 +259,9 @@ pub struct Limits {
     /// The highest priority of a task that may use floating point: its registers are saved for no other.
     #[serde(default)]
     pub float_priority: Option<u8>,
-    /// Whether the return of a handler has to wait for the stores before it.
+    /// Whether the code must not bring about errata of the processor.
     #[serde(default)]
-    pub returns_after_stores: bool,
+    pub errata: bool,
     /// Bytes at the end of the stack that must not be touched.
     pub stack_guard_bytes: Formula,
     /// Step rate above which no proof is tried, a second: what the queues of the program are made for.

@@ -28,7 +28,7 @@ mod confirm;
 mod counted_loops;
 mod crosscheck;
 pub mod decode;
-mod exception_returns;
+mod errata;
 mod figures;
 mod findings;
 mod flaw;
