@@ -5,7 +5,7 @@ use super::sources;
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_140),
-    ("proof", 30_400),
+    ("proof", 30_420),
     ("src", 37_270),
     ("tests", 44_700),
     ("xtask", 23_650),
