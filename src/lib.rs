@@ -124,4 +124,7 @@ pub mod protocol;
 
 pub mod tasks;
 
+#[cfg(feature = "usb")]
+pub mod usb;
+
 pub mod sim;

@@ -281,6 +281,18 @@ impl Accessories {
         }
     }
 
+    /// Switches a laser off at once, until cycle start ends the hold, or up to the next motion where nothing is held.
+    pub fn switch_laser_off(&mut self, is_held: bool) {
+        if self.is_laser && self.spindle != Spindle::Off {
+            self.stop = if is_held {
+                SpindleStop::Stopped
+            } else {
+                SpindleStop::UntilMotion
+            };
+            self.count_change();
+        }
+    }
+
     /// Stops the spindle at rest in a hold, if the stop is requested.
     pub fn stop_in_hold(&mut self) {
         if self.stop == SpindleStop::Requested {

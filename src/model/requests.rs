@@ -73,6 +73,11 @@ pub struct Requests {
     hold: AtomicBool,
     /// A break on the line: cleared by `interpret`.
     line_break: AtomicBool,
+    /// The sender has gone, or a new one has come: cleared by `interpret`.
+    link_loss: AtomicBool,
+    greeting: AtomicBool,
+    /// A laser is to be off: cleared by `prepare`.
+    laser_off: AtomicBool,
     /// `~`: cleared by `prepare`.
     start: AtomicBool,
     /// 0x80 to 0x87, of which 0x84 and 0x85 mean something: cleared by `prepare`.
@@ -121,6 +126,9 @@ impl Requests {
             status: AtomicBool::new(false),
             hold: AtomicBool::new(false),
             line_break: AtomicBool::new(false),
+            link_loss: AtomicBool::new(false),
+            greeting: AtomicBool::new(false),
+            laser_off: AtomicBool::new(false),
             start: AtomicBool::new(false),
             stops: [const { AtomicBool::new(false) }; 8],
             contact: AtomicBool::new(false),
@@ -167,9 +175,44 @@ impl Requests {
         take(&self.line_break)
     }
 
-    /// Makes the request of a break on the line; for `idle` alone.
+    /// Makes the request of a break on the line; for the tasks that watch the line.
     pub fn request_line_break(&self) {
         set(&self.line_break);
+    }
+
+    /// Takes the loss of the link to the sender.
+    #[must_use]
+    pub fn take_link_loss(&self) -> bool {
+        take(&self.link_loss)
+    }
+
+    /// Signals that the link to the sender is lost; for the receiver alone, which releases `interpret` afterwards.
+    pub fn report_link_loss(&self) {
+        set(&self.link_loss);
+    }
+
+    /// Takes the request for the welcome of a new sender.
+    #[must_use]
+    pub fn take_greeting(&self) -> bool {
+        take(&self.greeting)
+    }
+
+    /// Requests the welcome of a new sender, without a reset; for the receiver alone, which releases `interpret`
+    /// afterwards.
+    pub fn request_greeting(&self) {
+        set(&self.greeting);
+    }
+
+    /// Requests that a laser goes off; for `interpret` alone, which releases `prepare` afterwards.
+    pub fn switch_laser_off(&self) {
+        set(&self.laser_off);
+        add_one(&self.own_count);
+    }
+
+    /// Takes the request that a laser goes off.
+    #[must_use]
+    pub fn take_laser_off(&self) -> bool {
+        take(&self.laser_off)
     }
 
     /// Returns a number that differs from the last one if a byte other than `?` has come since, intact or not, or a

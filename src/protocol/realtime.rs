@@ -38,13 +38,9 @@ pub fn receive(
     match byte {
         Ok(byte @ 0x80..) => {
             cold_path();
-            let rest = match received.rest_of_character(before, byte) {
-                Some(rest) => rest,
-                None if byte <= LAST_REQUEST && !requests.is_deferred() => {
-                    cold_path();
-                    return requests.accept_from_0x80(byte, before);
-                }
-                None => CharacterRest::NOTHING,
+            let rest = match request_from_0x80(byte, before, requests, received) {
+                Ok(release) => return release,
+                Err(rest) => rest,
             };
             if let Ok(number) = received.enqueue_behind(before, byte) {
                 received.await_rest(number, rest);
@@ -69,6 +65,65 @@ pub fn receive(
     }
     requests.lose(before);
     Release::Nobody
+}
+
+/// Makes the request of a byte from 0x80 on, if the byte stands alone. Otherwise returns the part of its character that
+/// is missing behind it.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "as for `receive`")]
+fn request_from_0x80(
+    byte: u8,
+    before: usize,
+    requests: &Requests,
+    received: &ByteWriter<'_>,
+) -> Result<Release, CharacterRest> {
+    match received.rest_of_character(before, byte) {
+        Some(rest) => Err(rest),
+        None if byte <= LAST_REQUEST && !requests.is_deferred() => {
+            cold_path();
+            Ok(requests.accept_from_0x80(byte, before))
+        }
+        None => Err(CharacterRest::NOTHING),
+    }
+}
+
+/// Makes the request of a byte of a packet, if the byte is a realtime byte, also while the queue is full. `before` is the
+/// number of bytes of lines before the byte, enqueued or waiting for room. Returns the task to release; nothing for a byte
+/// of a line, which [`enqueue`] takes later.
+pub fn take_request(
+    byte: u8,
+    before: usize,
+    requests: &Requests,
+    received: &mut ByteWriter<'_>,
+) -> Option<Release> {
+    if byte >= 0x80 {
+        return match request_from_0x80(byte, before, requests, received) {
+            Ok(release) => Some(release),
+            Err(rest) => {
+                received.await_rest(before.wrapping_add(1), rest);
+                None
+            }
+        };
+    }
+    let is_request = matches!(byte, b'~' | b'!' | b'?' | 0x18) && !requests.is_deferred();
+    is_request.then(|| requests.accept(byte, before))
+}
+
+/// Enqueues a byte of a line that [`take_request`] has left. Returns the task to release.
+///
+/// # Errors
+/// The byte, when the queue is full.
+pub fn enqueue(
+    byte: u8,
+    requests: &Requests,
+    received: &mut ByteWriter<'_>,
+) -> Result<Release, u8> {
+    let number = received.enqueue(byte)?;
+    if byte >= 0x80 {
+        received.end_line(number);
+        return Ok(Release::Nobody);
+    }
+    Ok(enqueued(byte, number, requests, received))
 }
 
 /// Whether a byte is a realtime byte, where it counts as one.

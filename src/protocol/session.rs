@@ -113,6 +113,10 @@ pub struct Session {
     tool_change: ToolChange,
     /// The last break on the serial line.
     line_break: LineBreak,
+    /// The link to the sender is lost, and a laser has not been switched off yet.
+    is_link_lost: bool,
+    /// The loss of a link may have cut a line off, and nothing is held for it: `$787`.
+    is_line_torn: bool,
     /// The dialect in effect, lines with numbers, and what the dialect beside Grbl's needs.
     dialect: Dialect,
     lines: CheckedLines,
@@ -147,6 +151,8 @@ impl Session {
             probing: ProbeRecord::default(),
             tool_change: ToolChange::new(),
             line_break: LineBreak::None,
+            is_link_lost: false,
+            is_line_torn: false,
             dialect: Dialect::Grbl,
             lines: CheckedLines::new(),
             host: RepRap::default(),
@@ -375,12 +381,26 @@ impl Session {
         self.apply_stored(ports);
         (self.path).sync_at_standstill(machine, self.stage, &mut self.line);
         continue_if(self.send_pending(ports))?;
+        if ports.requests.take_greeting() && self.stage.is_welcome_sent() {
+            self.greet();
+            continue_if(self.send_pending(ports))?;
+        }
         if ports.requests.take_line_break() {
             self.line_break = LineBreak::Pending;
+        }
+        if ports.requests.take_link_loss() {
+            self.is_link_lost = true;
+            self.is_line_torn = !self.settings().holds_without_link;
+            if self.settings().holds_without_link {
+                self.line_break = LineBreak::Pending;
+            }
         }
         if self.line_break != LineBreak::None {
             self.attend_line_break(ports);
             continue_if(self.send_pending(ports))?;
+        }
+        if self.is_link_lost {
+            self.attend_link_loss(ports);
         }
         if self.reports.is_status_due && self.stage.is_welcome_sent() {
             let received_free = ports.received.capacity() - ports.received.len();
@@ -423,6 +443,18 @@ impl Session {
         let was_timed = self.host.end_timed_pause();
         if (holds || was_timed) && is_first {
             report::feedback(&mut self.reports.message, Feedback::LineBreak);
+        }
+    }
+
+    /// Switches a laser off after the loss of the link: at once where the loss holds the machine, otherwise when
+    /// everything has been played out.
+    #[cold]
+    fn attend_link_loss(&mut self, ports: &Ports<'_, '_>) {
+        let is_played_out = self.path.is_done(ports.machine) && !ports.received.may_have_line();
+        if self.settings().holds_without_link || is_played_out {
+            self.is_link_lost = false;
+            ports.requests.switch_laser_off();
+            self.path.sync.has_release_request = true;
         }
     }
 

@@ -100,6 +100,8 @@ settings! {
     path_tolerance_mm: f32 = 0.05,
     /// `$786` Time from the enabling of the drivers to the first step, ms.
     enable_delay_ms: f32 = 0.0,
+    /// `$787` Whether the machine is held when the link to its sender is lost.
+    holds_without_link: bool = true,
     /// `$33` Periods of the spindle's PWM in a second, about.
     pwm_hz: f32 = Outputs::USUAL_PWM_HZ,
     /// `$28` How far `G73` lifts the tool after a peck, and how far above it `G83` begins the next, mm.

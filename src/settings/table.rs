@@ -145,6 +145,7 @@ pub(super) static TABLE: &[Row] = &[
     row(784, Host, Extension, "RepRap: G6 and G0 S2 may move single motors", "", Flag(|s| &mut s.moves_motors)),
     row(785, General, Extension, "tolerance of G64 without P, 0 for no limit", MM, number(|s| &mut s.path_tolerance_mm)),
     row(786, General, Extension, "time from the enabling of the drivers to the first step", "ms", milliseconds(|s| &mut s.enable_delay_ms)),
+    row(787, Host, Extension, "a motion is held when the sender's USB link is lost", "", Flag(|s| &mut s.holds_without_link)),
     row(788, Homing, Extension, "axes that home where they stand, by marks instead of switches", "", AxisMask(|s| &mut s.homing_marks)),
     row(789, Tools, Extension, "M6 raises Z and goes to the position of G30, once homed", "", Flag(|s| &mut s.tool_change_travel)),
     #[cfg(arc_machine)]

@@ -1,6 +1,8 @@
 //! The whole simulated machine: bytes in, bytes and pin edges out.
 
 use super::{Drive, Edge, Flash, PlayedSegment, Switch};
+#[cfg(feature = "usb")]
+use crate::usb::{Driver, Registers, SenderQueues, UsbControl};
 use crate::{
     axis::Axes,
     machine::{Inputs, Snapshot},
@@ -235,6 +237,26 @@ impl Simulator {
         let (mut line, _) = self.received.split();
         self.drive.receive(byte, &self.requests, &mut line);
         self.wake();
+    }
+
+    /// Runs `usb`, in place of the serial line, and of [`Simulator::send`]. Returns whether `usb_control` is released.
+    #[cfg(feature = "usb")]
+    pub fn serve_usb(&mut self, driver: &mut Driver<'_>, otg: &mut impl Registers) -> bool {
+        let (_, _, platform) = self.drive.for_interpret();
+        let mut line = SenderQueues {
+            requests: &self.requests,
+            received: &mut self.received.split().0,
+            sent: &mut self.sent.split().1,
+        };
+        let is_control_released = driver.serve(otg, &mut line, platform);
+        self.wake();
+        is_control_released
+    }
+
+    /// Runs `usb_control`.
+    #[cfg(feature = "usb")]
+    pub fn serve_usb_control(&mut self, control: &mut UsbControl<'_>) {
+        self.is_interpret_released |= control.serve(&self.requests);
     }
 
     /// Releases the tasks of the protocol as `wake` does.

@@ -8,7 +8,7 @@ use std::{
 use super::sources;
 
 /// The layers, from the bottom up.
-const LAYERS: [&[&str]; 11] = [
+const LAYERS: [&[&str]; 12] = [
     &["axis", "decimal", "math", "units"],
     &["model"],
     &["settings"],
@@ -18,6 +18,7 @@ const LAYERS: [&[&str]; 11] = [
     &["motion"],
     &["protocol"],
     &["tasks"],
+    &["usb"],
     &["board", "sim"],
     &["app"],
 ];

@@ -6,8 +6,8 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_140),
     ("proof", 30_420),
-    ("src", 37_270),
-    ("tests", 44_700),
+    ("src", 38_720),
+    ("tests", 46_700),
     ("xtask", 23_650),
 ];
 

@@ -53,6 +53,10 @@ impl Motion {
             }
             self.transition(Event::CycleStart);
         }
+        if requests.take_laser_off() {
+            let is_held = self.is_held();
+            self.accessories.switch_laser_off(is_held);
+        }
         self.apply_state();
     }
 

@@ -3,6 +3,8 @@
 //! A line is checked completely, then executed: nothing of it goes to the machine before all of its
 //! path is known to be inside the travel. Read with Grbl 1.1 `gcode.c`, `motion_control.c`, `jog.c`.
 
+use core::mem::take;
+
 use super::{
     AfterCommands, LineStage, Ports, Progress, Session, Source,
     persistence::{AfterStore, NewRecord},
@@ -28,7 +30,9 @@ impl Session {
     /// machine at rest, are not held.
     #[cold]
     pub(super) fn refuse_with_hold(&mut self, error: LineError, ports: &Ports<'_, '_>) -> Progress {
-        let holds = !self.path.is_done(ports.machine) && !self.path.sync.is_jogging;
+        // The line that the loss of the link has cut off is dropped: nobody waits behind it.
+        let is_torn = error == LineError::BytesLost && take(&mut self.is_line_torn);
+        let holds = !self.path.is_done(ports.machine) && !self.path.sync.is_jogging && !is_torn;
         if holds {
             self.request_hold(ports);
         }

@@ -148,13 +148,20 @@ impl Session {
         Progress::Again
     }
 
-    /// Welcomes the sender, and reports whether the machine is locked.
-    pub(super) fn welcome(&mut self, machine: &Snapshot) -> Progress {
+    /// Writes the first line for a new sender.
+    pub(super) fn greet(&mut self) {
         let text = &mut self.reports.message;
         let settings = &self.persistence.stored.settings;
         if !self.host.write(text, SenderMessage::Welcome, settings) {
             report::welcome(text);
         }
+    }
+
+    /// Welcomes the sender, and reports whether the machine is locked.
+    pub(super) fn welcome(&mut self, machine: &Snapshot) -> Progress {
+        self.greet();
+        let text = &mut self.reports.message;
+        let settings = &self.persistence.stored.settings;
         let damaged = self.persistence.damaged;
         let tools = self.line.interpreter.tools();
         let damage = SenderMessage::Damage(damaged, tools);
