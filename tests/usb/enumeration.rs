@@ -1,6 +1,6 @@
 //! A device is set up by every system on every core, whatever comes between.
 
-use otg::{Core, Host, HostError, System};
+use otg::{Core, Handshake, Host, HostError, System};
 
 use crate::{
     board::{Board, NAME, PERIOD_US, silicons},
@@ -112,6 +112,39 @@ fn a_setup_in_the_middle_of_a_transfer_ends_the_transfer() {
                 }
             }
         }
+    }
+}
+
+#[test]
+fn a_request_that_ends_in_the_period_of_the_next_one_leaves_nothing_behind() {
+    for silicon in silicons() {
+        let (mut core, mut board, host) = opened(silicon);
+        let device = &mut |core: &mut Core| board.period(core);
+        for _ in 0..3 {
+            // The host fetches the end of the first, and sends the second at once.
+            assert_eq!(host.set_lines(&mut core, 3, device), Ok(()));
+            let all = host.read(&mut core, [0x80, 6, 0, 2, 0, 0, 75, 0], device);
+            assert_eq!(all.map(|all| all.len()), Ok(75), "{silicon:?}");
+            // The same, but the host is slow to fetch the answer.
+            assert_eq!(host.set_lines(&mut core, 3, device), Ok(()));
+            let setup = host.setup(&mut core, [0x80, 6, 0, 2, 0, 0, 75, 0], device);
+            assert_eq!(setup, Ok(()));
+            (0..5).for_each(|_| device(&mut core));
+        }
+        assert_eq!(core.violations(), [""; 0], "{silicon:?}");
+    }
+}
+
+#[test]
+fn a_device_has_address_0_10_ms_after_a_reset_of_the_bus_whatever_other_tasks_do() {
+    for silicon in silicons() {
+        let (mut core, mut board, _) = opened(silicon);
+        assert_eq!(core.address(), 9);
+        board.control_wait = 1000;
+        core.reset_bus();
+        board.periods(&mut core, 20);
+        let device_request = [0x80, 6, 0, 1, 0, 0, 64, 0];
+        assert_eq!(core.setup(0, device_request), Handshake::Ack, "{silicon:?}");
     }
 }
 

@@ -220,14 +220,14 @@ fn text_that_waits_for_room_stays_text() {
     board.periods(&mut core, 2);
     board.received.consume(500);
     board.periods(&mut core, 2);
-    assert!(host.offer(&mut core, b"\xa4)\x90"));
+    assert!(host.offer(&mut core, b"\x89)\x90"));
     board.periods(&mut core, 2);
     let requests = board
         .requests
         .take_overrides()
         .map(Iterator::collect::<Vec<_>>);
     assert_eq!(requests, Some(vec![0x90]));
-    assert_eq!(board.lines()[523..], *b"(\xc3\xa4)");
+    assert_eq!(board.lines()[523..], *b"(\xc3\x89)");
 }
 
 #[test]
