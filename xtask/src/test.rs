@@ -133,7 +133,7 @@ fn rest() -> Vec<Check> {
         shown_by(
             tools::SCHEDULE,
             "a fault of each kind that the proof finds",
-            &["--mutants=10"],
+            &["--mutants=3"],
         ),
         by(tools::CLIENTS, "sender programs", &["test", "--clients"]),
     ];
@@ -212,13 +212,12 @@ fn of_tools() -> Result<()> {
 /// What takes long in the emulator.
 fn long_in_emulator() -> Vec<Check> {
     let over_serial = || check::with_variable(tools::FIRMWARE, ["serial"], (CASES, &all_cases()));
-    let by_target: [(_, &[_]); 6] = [
+    let by_target: [(_, &[_]); 5] = [
         ("calibration without a counter", &["check", "calibration"]),
         ("bring-up as far as QEMU goes", &["check", "bring-up"]),
         ("records of activations", &["check", "records"]),
         ("the same on the chip", &["check", "chip"]),
         ("the same in the firmware", &["check", "firmware"]),
-        ("the figures that the documents show", &["bench", "--check"]),
     ];
     let others = [
         plain("tests on the target", on_target),
