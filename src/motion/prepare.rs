@@ -1,8 +1,8 @@
 //! The body of `prepare`: dequeues entries, plans them, keeps the step interrupt's queue filled.
 //!
 //! Owns the look-ahead, the speed profile, the step generator and the machine's state. Runs when a
-//! segment begins to be played, when an entry or a request has come, and again while there is more to
-//! do. Deadline: the events queued ahead,
+//! segment begins to be played or is due to be made, when an entry or a request has come, and again while there is more
+//! to do. Deadline: the events queued ahead,
 //! [`QUEUED_AHEAD_TICKS`](crate::model::timing::QUEUED_AHEAD_TICKS); a miss is an underrun of the step
 //! interrupt, which is a fault.
 //!

@@ -310,7 +310,7 @@ impl Generator {
 /// The events of the segment that has begun: into the ring, all of them or none.
 impl Generator {
     /// Pushes the events of the segment and returns true, or returns false while the ring has no
-    /// room for all of them. Room for 3.5 ms of events and a segment of 1.5 ms is there up to
+    /// room for all of them. Room for what is queued ahead and the longest segment is there up to
     /// 200 000 steps per second of all axes together: the proof looks for no higher rate.
     pub fn push_events(&mut self, events: &mut EventWriter<'_>) -> bool {
         let mut events = events.begin();

@@ -26,7 +26,7 @@ use crate::{
 /// `tests/motion/path_control.rs`; a greater number only has the distance computed more often.
 const HANDOVER_ENTRIES: u32 = 8;
 /// Time for a move that is held back to reach the machine before it brakes, s: the segments made in
-/// advance (3.5 ms), and the interpretation of a line. Bounded from below by the test
+/// advance (3 ms), and the interpretation of a line. Bounded from below by the test
 /// `what_is_held_back_does_not_slow_the_machine_down` in `tests/motion/path_control.rs`.
 const HANDOVER_S: f32 = 0.03;
 
