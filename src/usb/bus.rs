@@ -9,7 +9,7 @@ use usb_device::{
 };
 
 use super::{
-    DATA, Mailbox, NOTIFICATIONS, PACKET_WORDS,
+    DATA_ENDPOINT, Mailbox, NOTIFICATION_ENDPOINT, PACKET_WORDS,
     mailbox::{Answer, ControlEvent, halt_bit},
 };
 use crate::atomic::{AtomicU32, Ordering::Relaxed};
@@ -88,8 +88,8 @@ impl UsbBus for ControlBus<'_> {
     ) -> Result<EndpointAddress> {
         let endpoint = match kind {
             EndpointType::Control => 0,
-            EndpointType::Bulk => DATA,
-            EndpointType::Interrupt => NOTIFICATIONS,
+            EndpointType::Bulk => DATA_ENDPOINT,
+            EndpointType::Interrupt => NOTIFICATION_ENDPOINT,
             EndpointType::Isochronous { .. } => return Err(UsbError::Unsupported),
         };
         Ok(EndpointAddress::from_parts(endpoint.into(), direction))

@@ -23,7 +23,7 @@ const CALL_MANAGEMENT: u8 = 0x01;
 const CAPABILITIES: u8 = 0x02;
 const UNION: u8 = 0x06;
 /// The port takes the line's coding and state, and a break.
-const CODING_STATE_AND_BREAK: u8 = 0x02 | 0x04;
+const LINE_CODING_AND_BREAK: u8 = 0x02 | 0x04;
 const SET_LINE_CODING: u8 = 0x20;
 const GET_LINE_CODING: u8 = 0x21;
 const SET_CONTROL_LINE_STATE: u8 = 0x22;
@@ -90,7 +90,7 @@ impl<'a> UsbClass<ControlBus<'a>> for SerialPort<'a> {
         // Version 1.10 of the class.
         writer.write(CLASS_DESCRIPTOR, &[HEADER, 0x10, 0x01])?;
         writer.write(CLASS_DESCRIPTOR, &[CALL_MANAGEMENT, 0, data])?;
-        writer.write(CLASS_DESCRIPTOR, &[CAPABILITIES, CODING_STATE_AND_BREAK])?;
+        writer.write(CLASS_DESCRIPTOR, &[CAPABILITIES, LINE_CODING_AND_BREAK])?;
         writer.write(CLASS_DESCRIPTOR, &[UNION, control, data])?;
         writer.endpoint(&self.notifications)?;
         writer.interface(self.data, COMMUNICATIONS_DATA, 0, 0)?;

@@ -5,16 +5,16 @@
 //! Each loop counts constants.
 
 use super::{
-    DATA, Mailbox, PACKET_BYTES, PACKET_WORDS, Registers,
+    DATA_ENDPOINT, Mailbox, PACKET_BYTES, PACKET_WORDS, Registers,
     endpoints::{self, MOST_RUNS, Stuck, Withdrawal},
     mailbox::{Answer, ControlEvent, halt_bit},
     packet::Packet,
     registers::{
-        ADDRESS, AHBIDL, ALL_FIFOS, BVALOEN, BVALOVAL, CGINAK_CGONAK, CID, CSRST, DCFG, DCTL,
-        DIEPTXF0, DSTS, ENUMDNE, FDMOD, FULL_SPEED, GAHBCFG, GCCFG, GINTMSK, GINTSTS, GOTGCTL,
-        GRSTCTL, GRXFSIZ, GRXSTSP, GUSBCFG, NOVBUSSENS, PCGCCTL, PHYSEL, PWRDWN, RXFFLSH, RXFLVL,
-        SDIS, SNAK, SUSPSTS, TRDT, TXFFLSH, TXFNUM, USBRST, USBSUSP, VERSION_2, WKUPINT, XFRC,
-        diepctl, diepint, dieptxf, doepctl, entry, fifo,
+        AHBIDL, ALL_FIFOS, BVALOEN, BVALOVAL, CGINAK_CGONAK, CID, CSRST, DAD, DCFG, DCTL, DIEPTXF0,
+        DSTS, ENUMDNE, FDMOD, FULL_SPEED, GAHBCFG, GCCFG, GINTMSK, GINTSTS, GOTGCTL, GRSTCTL,
+        GRXFSIZ, GRXSTSP, GUSBCFG, NOVBUSSENS, PCGCCTL, PHYSEL, PWRDWN, RXFFLSH, RXFLVL, SDIS,
+        SNAK, SUSPSTS, TRDT, TXFFLSH, TXFNUM, USBRST, USBSUSP, VERSION_2, WKUPINT, XFRC, diepctl,
+        diepint, dieptxf, doepctl, entry, fifo,
     },
 };
 use crate::{
@@ -24,9 +24,9 @@ use crate::{
 };
 
 /// Runs before the core is a device, 26 ms: it takes 25 ms (RM0090 34.16.2, FDMOD), and no register of a device before.
-const DEVICE_RUNS: u8 = 52;
+const RUNS_TO_DEVICE_MODE: u8 = 52;
 /// Runs before the core connects: 4 ms behind a soft disconnect, which hosts see after 3 ms (ES0182).
-const CONNECT_RUNS: u8 = DEVICE_RUNS + 8;
+const RUNS_TO_CONNECTION: u8 = RUNS_TO_DEVICE_MODE + 8;
 /// Entries of the receive FIFO in a run, at most: a packet of data and its end, and those of a SETUP.
 const MOST_ENTRIES: usize = 4;
 
@@ -158,12 +158,12 @@ impl<'a> Driver<'a> {
                 make_device(otg);
                 Stage::Disconnected(0)
             }
-            Stage::Disconnected(CONNECT_RUNS) => {
+            Stage::Disconnected(RUNS_TO_CONNECTION) => {
                 set_up(otg);
                 self.flush(otg)
             }
             Stage::Disconnected(runs) => {
-                if runs == DEVICE_RUNS {
+                if runs == RUNS_TO_DEVICE_MODE {
                     otg.write(DCTL, SDIS);
                     validate_session(otg);
                 }
@@ -227,7 +227,7 @@ impl<'a> Driver<'a> {
             self.post_setup(otg);
         }
         let is_control_free = self.control_withdrawal.advance(otg, 0)?;
-        let is_data_free = self.data_withdrawal.advance(otg, DATA)?;
+        let is_data_free = self.data_withdrawal.advance(otg, DATA_ENDPOINT)?;
         // A SETUP voids the answer to what came before.
         if is_control_free && !self.has_setup {
             self.answer(otg, line, platform);
@@ -321,7 +321,7 @@ impl<'a> Driver<'a> {
             return;
         };
         self.posted = None;
-        let configuration = otg.read(DCFG) & !ADDRESS;
+        let configuration = otg.read(DCFG) & !DAD;
         otg.write(DCFG, configuration | answer.address() << 4);
         self.configure(otg, answer);
         self.set_open(otg, answer.has(Answer::IS_OPEN), line, platform);
@@ -343,13 +343,17 @@ impl<'a> Driver<'a> {
         let is_configured = answer.has(Answer::IS_CONFIGURED);
         if is_configured && answer.has(Answer::CONFIGURES) {
             endpoints::configure(otg);
-            self.data_withdrawal.begin(otg, DATA);
+            self.data_withdrawal.begin(otg, DATA_ENDPOINT);
             self.owes_packet = false;
         } else if !is_configured && self.is_configured {
             endpoints::deconfigure(otg);
         }
         self.is_configured = is_configured;
-        for (endpoint, is_in) in [(DATA, false), (DATA, true), (super::NOTIFICATIONS, true)] {
+        for (endpoint, is_in) in [
+            (DATA_ENDPOINT, false),
+            (DATA_ENDPOINT, true),
+            (super::NOTIFICATION_ENDPOINT, true),
+        ] {
             let bit = halt_bit(endpoint, is_in);
             if answer.has(bit << Answer::HALT_CHANGED) {
                 let control = if is_in {
@@ -379,7 +383,7 @@ impl<'a> Driver<'a> {
             line.requests.request_greeting();
             platform.pend(Task::Wake);
         } else {
-            self.data_withdrawal.begin(otg, DATA);
+            self.data_withdrawal.begin(otg, DATA_ENDPOINT);
             self.lose_link(line, platform);
         }
     }
@@ -393,7 +397,11 @@ impl<'a> Driver<'a> {
     ) {
         let before = line.sent.len();
         let is_wanted = before != 0 || self.owes_packet;
-        if !self.is_linked || self.is_closed || !is_wanted || endpoints::is_sending(otg, DATA) {
+        if !self.is_linked
+            || self.is_closed
+            || !is_wanted
+            || endpoints::is_sending(otg, DATA_ENDPOINT)
+        {
             return;
         }
         let mut words = [0_u32; PACKET_WORDS];
@@ -416,7 +424,7 @@ impl<'a> Driver<'a> {
             }
             true
         });
-        endpoints::send(otg, DATA, length, words.into_iter());
+        endpoints::send(otg, DATA_ENDPOINT, length, words.into_iter());
         self.owes_packet = length == PACKET_BYTES;
         tasks::serial_tx(before, line.sent.len(), line.requests, platform);
     }
@@ -432,7 +440,7 @@ impl<'a> Driver<'a> {
         let is_linked = self.stage == Stage::Connected && self.is_configured && !is_suspended;
         if self.is_linked && !is_linked {
             if self.stage == Stage::Connected {
-                self.data_withdrawal.begin(otg, DATA);
+                self.data_withdrawal.begin(otg, DATA_ENDPOINT);
             }
             self.lose_link(line, platform);
         }
@@ -488,8 +496,8 @@ fn set_up(otg: &mut impl Registers) {
     let mut start = RECEIVE_WORDS;
     let sizes = [
         (DIEPTXF0, CONTROL_WORDS),
-        (dieptxf(DATA), DATA_WORDS),
-        (dieptxf(super::NOTIFICATIONS), NOTIFICATION_WORDS),
+        (dieptxf(DATA_ENDPOINT), DATA_WORDS),
+        (dieptxf(super::NOTIFICATION_ENDPOINT), NOTIFICATION_WORDS),
     ];
     for (register, words) in sizes {
         otg.write(register, words << 16 | start);
@@ -500,13 +508,13 @@ fn set_up(otg: &mut impl Registers) {
 /// Disables all endpoints at a reset of the bus.
 fn disable(otg: &mut impl Registers) {
     otg.write(GINTSTS, USBRST);
-    let configuration = otg.read(DCFG) & !ADDRESS;
+    let configuration = otg.read(DCFG) & !DAD;
     otg.write(DCFG, configuration);
-    for endpoint in [0, DATA, super::NOTIFICATIONS] {
+    for endpoint in [0, DATA_ENDPOINT, super::NOTIFICATION_ENDPOINT] {
         let mut withdrawal = Withdrawal::Done;
         withdrawal.begin(otg, endpoint);
     }
-    for endpoint in [0, DATA] {
+    for endpoint in [0, DATA_ENDPOINT] {
         otg.write(doepctl(endpoint), SNAK);
     }
 }

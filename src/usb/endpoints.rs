@@ -1,10 +1,11 @@
 //! Endpoints: made active, given a packet, and relieved of a packet that nobody fetches.
 
 use super::{
-    DATA, NOTIFICATION_BYTES, NOTIFICATIONS, PACKET_BYTES, Registers,
+    DATA_ENDPOINT, NOTIFICATION_BYTES, NOTIFICATION_ENDPOINT, PACKET_BYTES, Registers,
     registers::{
-        BULK, CNAK, ENDPOINT_FIFO, EPDIS, EPENA, EPTYP, GRSTCTL, INTERRUPT, KEPT, PKTCNT, SD0PID,
-        SNAK, STALL, STUPCNT, TXFFLSH, TXFNUM, USBAEP, diepctl, dieptsiz, doepctl, doeptsiz, fifo,
+        BULK_TYPE, CNAK, ENDPOINT_FIFO, EPDIS, EPENA, EPTYP, GRSTCTL, INTERRUPT, KEPT, PKTCNT,
+        SD0PID, SNAK, STALL, STUPCNT, TXFFLSH, TXFNUM, USBAEP, diepctl, dieptsiz, doepctl,
+        doeptsiz, fifo,
     },
 };
 
@@ -13,26 +14,26 @@ pub(super) const MOST_RUNS: u8 = 20;
 
 /// Begins a configuration: all toggles at DATA0, nothing halted.
 pub(super) fn configure(otg: &mut impl Registers) {
-    let bulk = USBAEP | BULK << EPTYP | SD0PID | PACKET_BYTES as u32;
+    let bulk = USBAEP | BULK_TYPE << EPTYP | SD0PID | PACKET_BYTES as u32;
     let interrupt = USBAEP | INTERRUPT << EPTYP | SD0PID | u32::from(NOTIFICATION_BYTES);
-    let data_fifo = u32::from(DATA) << ENDPOINT_FIFO;
-    let notifications_fifo = u32::from(NOTIFICATIONS) << ENDPOINT_FIFO;
-    otg.write(diepctl(DATA), bulk | data_fifo | SNAK);
+    let data_fifo = u32::from(DATA_ENDPOINT) << ENDPOINT_FIFO;
+    let notifications_fifo = u32::from(NOTIFICATION_ENDPOINT) << ENDPOINT_FIFO;
+    otg.write(diepctl(DATA_ENDPOINT), bulk | data_fifo | SNAK);
     otg.write(
-        diepctl(NOTIFICATIONS),
+        diepctl(NOTIFICATION_ENDPOINT),
         interrupt | notifications_fifo | SNAK,
     );
     // A transfer that was begun before goes on: its packet has not come.
-    let is_armed = otg.read(doepctl(DATA)) & EPENA != 0;
+    let is_armed = otg.read(doepctl(DATA_ENDPOINT)) & EPENA != 0;
     let nak = if is_armed { CNAK } else { SNAK };
-    otg.write(doepctl(DATA), bulk | nak);
+    otg.write(doepctl(DATA_ENDPOINT), bulk | nak);
 }
 
 /// Ends a configuration: the endpoints of data answer no more.
 pub(super) fn deconfigure(otg: &mut impl Registers) {
-    otg.write(diepctl(DATA), SNAK);
-    otg.write(diepctl(NOTIFICATIONS), SNAK);
-    otg.write(doepctl(DATA), SNAK);
+    otg.write(diepctl(DATA_ENDPOINT), SNAK);
+    otg.write(diepctl(NOTIFICATION_ENDPOINT), SNAK);
+    otg.write(doepctl(DATA_ENDPOINT), SNAK);
 }
 
 /// Halts an endpoint, or ends its halt: then its next packet is DATA0.
@@ -44,10 +45,10 @@ pub(super) fn set_halt(otg: &mut impl Registers, control: usize, is_halted: bool
 
 /// Lets the next packet of the host into the endpoint of data, if none is awaited.
 pub(super) fn arm_data(otg: &mut impl Registers) {
-    let control = otg.read(doepctl(DATA));
+    let control = otg.read(doepctl(DATA_ENDPOINT));
     if control & (EPENA | USBAEP) == USBAEP {
-        otg.write(doeptsiz(DATA), 1 << PKTCNT | PACKET_BYTES as u32);
-        otg.write(doepctl(DATA), control & KEPT | EPENA | CNAK);
+        otg.write(doeptsiz(DATA_ENDPOINT), 1 << PKTCNT | PACKET_BYTES as u32);
+        otg.write(doepctl(DATA_ENDPOINT), control & KEPT | EPENA | CNAK);
     }
 }
 

@@ -74,10 +74,12 @@ impl Answer {
     /// The first of the bits that say which endpoints have been halted, or are no longer.
     pub(super) const HALT_CHANGED: u32 = 15;
     /// The first bit of the address.
-    const ADDRESS: u32 = 24;
+    const ADDRESS_SHIFT: u32 = 24;
     /// Bits that stay from an answer to the next.
-    const STANDING: u32 =
-        0x7f << Self::ADDRESS | Self::IS_CONFIGURED | Self::IS_OPEN | HALT_BITS << Self::HALTED;
+    const STANDING: u32 = 0x7f << Self::ADDRESS_SHIFT
+        | Self::IS_CONFIGURED
+        | Self::IS_OPEN
+        | HALT_BITS << Self::HALTED;
 
     pub(super) const fn has(self, bit: u32) -> bool {
         self.0 & bit != 0
@@ -98,12 +100,12 @@ impl Answer {
 
     /// Returns the address of the device.
     pub(super) const fn address(self) -> u32 {
-        self.0 >> Self::ADDRESS & 0x7f
+        self.0 >> Self::ADDRESS_SHIFT & 0x7f
     }
 
     pub(super) const fn with_address(self, address: u8) -> Self {
-        let others = self.0 & !(0x7f << Self::ADDRESS);
-        Self(others | (address as u32 & 0x7f) << Self::ADDRESS)
+        let others = self.0 & !(0x7f << Self::ADDRESS_SHIFT);
+        Self(others | (address as u32 & 0x7f) << Self::ADDRESS_SHIFT)
     }
 
     pub(super) const fn with(self, bit: u32, is_set: bool) -> Self {
@@ -121,9 +123,9 @@ const HALT_BITS: u32 = 7;
 /// Returns the bit of an endpoint that may be halted.
 pub(super) const fn halt_bit(endpoint: u8, is_in: bool) -> u32 {
     match (endpoint, is_in) {
-        (super::DATA, false) => 1,
-        (super::DATA, true) => 2,
-        (super::NOTIFICATIONS, true) => 4,
+        (super::DATA_ENDPOINT, false) => 1,
+        (super::DATA_ENDPOINT, true) => 2,
+        (super::NOTIFICATION_ENDPOINT, true) => 4,
         _ => 0,
     }
 }

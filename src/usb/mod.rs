@@ -36,14 +36,14 @@ pub use driver::{Driver, SenderQueues};
 pub use mailbox::Mailbox;
 pub use registers::Registers;
 
-/// Bytes of a full packet of the endpoints 0 and [`DATA`].
+/// Bytes of a full packet of the endpoints 0 and [`DATA_ENDPOINT`].
 pub const PACKET_BYTES: usize = 64;
 /// Words of such a packet in a FIFO of the core.
 const PACKET_WORDS: usize = PACKET_BYTES / 4;
 
 /// The endpoints of the data, one for each direction.
-pub const DATA: u8 = 1;
+pub const DATA_ENDPOINT: u8 = 1;
 /// The endpoint of notifications of the class, of which none is sent.
-pub const NOTIFICATIONS: u8 = 2;
+pub const NOTIFICATION_ENDPOINT: u8 = 2;
 /// Bytes of a packet of notifications.
 const NOTIFICATION_BYTES: u16 = 8;

@@ -123,7 +123,7 @@ pub const VERSION_2: u32 = 0x2000;
 /// Full speed, by the transceiver within the chip.
 pub const FULL_SPEED: u32 = 3;
 /// The address of the device.
-pub const ADDRESS: u32 = 0x7f << 4;
+pub const DAD: u32 = 0x7f << 4;
 /// Soft disconnect.
 pub const SDIS: u32 = 1 << 1;
 /// Clears the NAK of all endpoints, IN and OUT.
@@ -136,7 +136,7 @@ pub const USBAEP: u32 = 1 << 15;
 /// The first bit of the kind of an endpoint.
 pub const EPTYP: u32 = 18;
 /// The kind of endpoints of data.
-pub const BULK: u32 = 2;
+pub const BULK_TYPE: u32 = 2;
 /// The kind of endpoints of notifications.
 pub const INTERRUPT: u32 = 3;
 /// The endpoint answers with STALL.
