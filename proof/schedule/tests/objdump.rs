@@ -20,15 +20,26 @@ fn decoder_agrees_with_llvm_objdump() {
     };
     let mut checked = 0;
     let mut differences = Vec::new();
-    for elf in programs() {
+    let copy = support::scratch().join("copy.elf");
+    let programs = programs();
+    if programs.is_empty() {
+        return; // The target is not installed, as `compile` says.
+    }
+    for elf in programs {
+        // A build beside this test may replace the program, or take it away.
+        if fs::copy(&elf, &copy).is_err() {
+            continue;
+        }
+        let Ok(image) = Image::load(&copy) else {
+            continue;
+        };
         let disassembly = Command::new(&objdump)
             .args(["-d", "--no-print-imm-hex", "--no-symbolic-operands"])
-            .arg(&elf)
+            .arg(&copy)
             .output()
             .expect("llvm-objdump runs");
         let text = String::from_utf8_lossy(&disassembly.stdout);
         let lines: Vec<Line> = text.lines().filter_map(Line::parse).collect();
-        let image = Image::load(&elf).expect("it was found because it can be loaded");
         let code: u32 = image.functions().map(|function| function.size).sum();
         assert!(
             lines.len() > code as usize / 8,
@@ -45,6 +56,7 @@ fn decoder_agrees_with_llvm_objdump() {
         "{count} differences\n{}",
         differences.join("\n")
     );
+    assert!(checked > 0, "no program was compared");
     println!("{checked} instructions agree");
 }
 
@@ -97,7 +109,7 @@ fn programs() -> Vec<PathBuf> {
     }
     let is_program = |path: &PathBuf| {
         let is_object = path.extension().is_some_and(|end| end == "o" || end == "d");
-        path.is_file() && !is_object && Image::load(path).is_ok()
+        path.is_file() && !is_object
     };
     found.retain(is_program);
     found
