@@ -31,7 +31,8 @@ mod board {
     use std::{env, error::Error, fs, path::Path};
 
     use board_data::{
-        BOARD, Board, Clocks, DEFAULT, EEPROM, FINGERPRINT, PHASES, SMALL_EEPROM, fingerprint, rust,
+        BOARD, Board, Clocks, DEFAULT, EEPROM, FINGERPRINT, PHASES, SMALL_EEPROM, USB, fingerprint,
+        rust,
     };
 
     /// Writes the board's source, and tells the linker where program and memory are.
@@ -55,7 +56,7 @@ mod board {
             return Err(format!("{name} needs the feature {missing}").into());
         }
         // What the board does not need must not be there: its times or its outputs would be others.
-        let mut special = Clocks::features().chain([PHASES, EEPROM, SMALL_EEPROM]);
+        let mut special = Clocks::features().chain([PHASES, EEPROM, SMALL_EEPROM, USB]);
         if let Some(other) = special.find(|&it| has(it) && !needed.iter().any(|own| own == it)) {
             return Err(format!("{name} is no board for the feature {other}").into());
         }

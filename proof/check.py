@@ -47,7 +47,7 @@ CLASSES = {name: re.compile(names) for name, names in {
 }.items()}
 MULTIPLE = re.compile(r"v?(ld|st)m(ia|db)?|v?push|v?pop|ldrd|strd|vldr|vstr")
 WIDTHS = {"ldr": 4, "str": 4, "ldrb": 1, "ldrsb": 1, "strb": 1, "ldrh": 2, "ldrsh": 2, "strh": 2}
-BUSES = ("sram", "ccm", "ahb", "apb1", "apb2", "private", "unknown", "uncosted")
+BUSES = ("sram", "ccm", "ahb", "apb1", "apb2", "usb", "private", "unknown", "uncosted")
 # Flash: lines of the cache, bytes of a line, and how far ahead the processor fetches.
 LINES, LINE, AHEAD = 64, 16, 12
 # Cycles for a transfer that is under way, for an instruction that begins again after a preemption, and for an exclusive

@@ -4,13 +4,17 @@
 //! |-----------------|-------------------|----------|------------------------------------------|
 //! | `step`          | hardware, SysTick | 5        | the step timer                           |
 //! | `serial_rx`     | hardware, USART   | 4        | a byte has come                          |
+//! | or `usb`        | hardware, TIM11   | 4        | TIM11                                    |
 //! | `segment_start` | pended, I2C3\_EV  | 3        | `step`: a segment begins, or motion ends |
 //! | `inputs`        | hardware, TIM10   | 3        | an edge on an input pin, TIM10           |
 //! | `prepare`       | pended, TIM9      | 2        | `segment_start`, most others, TIM9       |
 //! | `wake`          | pended, TIM4      | 1        | `serial_rx`, `prepare`, TIM4, `idle`     |
+//! | `usb_control`   | pended, I2C1\_ER  | 1        | `usb`                                    |
 //! | `interpret`     | async, dispatcher | 1        | `wake`                                   |
 //! | `report`        | async, dispatcher | 1        | `wake`                                   |
 //! | `idle`          |                   | 0        | runs while no other task does            |
+//!
+//! A board has `serial_rx`, or with the feature `usb` both tasks of USB.
 //!
 //! A pended task binds the vector of an unused peripheral, or of a timer that also releases the task: TIM4 runs only in
 //! firmware with the RepRap dialect. Pending a vector while its task runs makes the task run again, so no release is
@@ -35,7 +39,7 @@ mod app {
         },
         motion::Motion,
         path::Entry,
-        protocol::{Bytes, Incoming, IncomingWriter, Progress, Session},
+        protocol::{ByteReader, Bytes, Incoming, IncomingWriter, Progress, Session},
         stepper::{EventReader, EventRing, EventTap, EventWriter, SegmentRing},
         tasks::{self, SharedAtomics},
     };
@@ -68,11 +72,21 @@ mod app {
     #[local]
     struct Local {
         output: board::StepPins,
+        #[cfg(not(feature = "usb"))]
         receiver: board::Receiver,
+        #[cfg(not(feature = "usb"))]
+        reception: IncomingWriter<'static>,
+        #[cfg(feature = "usb")]
+        usb: board::UsbLink,
+        #[cfg(feature = "usb")]
+        usb_reception: IncomingWriter<'static>,
+        #[cfg(feature = "usb")]
+        usb_sent: ByteReader<'static>,
+        #[cfg(feature = "usb")]
+        usb_control: board::UsbControl,
         pins: board::InputPins,
         actuators: board::Actuators,
         motion: &'static mut Motion,
-        reception: IncomingWriter<'static>,
         line_level: board::LineLevel,
         storage: &'static mut board::Storage,
         flash_erase_in: IncomingWriter<'static>,
@@ -88,6 +102,8 @@ mod app {
         session_memory: MaybeUninit<Session> = MaybeUninit::uninit(),
         storage_memory: MaybeUninit<board::Storage> = MaybeUninit::uninit(),
         incoming: Incoming = Incoming::new(),
+        #[cfg(feature = "usb")]
+        usb_memory: board::UsbMemory = board::UsbMemory::new(),
         sent: Bytes<SENT_RING> = Bytes::new(),
         entries: Queue<Entry, ENTRY_RING> = Queue::new(),
         events: EventRing = EventRing::new(),
@@ -100,6 +116,7 @@ mod app {
         let board = board::init(cx.device, cx.core, memory);
         let motion = cx.local.motion_memory.power_up();
         let (requests, reception, received_out) = cx.local.incoming.split();
+        let (sent, sent_out) = cx.local.sent.split();
         let (entries_in, entries_out) = cx.local.entries.split();
         let (events_in, events_out) = cx.local.events.split();
         let event_tap = events_in.tap();
@@ -112,14 +129,17 @@ mod app {
         let snapshot = motion.power_up(board.session.settings(), &inputs, board.alarm);
         // It switches the outputs, reads the door and arms the limit switches.
         rtic::pend(PREPARE);
+        let line_level = board::LineLevel::new(reception.count());
+        let flash_erase_in = reception.second();
+        #[cfg(not(feature = "usb"))]
+        let transmitter = board::Transmitter::new(sent_out);
+        #[cfg(feature = "usb")]
+        let transmitter = board::Transmitter;
+        #[cfg(feature = "usb")]
+        let (usb, usb_control) = cx.local.usb_memory.split(board.usb);
         let shared = Shared {
             snapshot,
-            serial: SerialSession::new(
-                board.session,
-                received_out,
-                cx.local.sent.split(),
-                event_tap,
-            ),
+            serial: SerialSession::new(board.session, received_out, sent, transmitter, event_tap),
             interpret_waker: None,
             report_waker: None,
             step_timer: board.step_timer,
@@ -129,13 +149,23 @@ mod app {
         };
         let local = Local {
             output: board.output,
+            #[cfg(not(feature = "usb"))]
             receiver: board.receiver,
+            #[cfg(not(feature = "usb"))]
+            reception,
+            #[cfg(feature = "usb")]
+            usb,
+            #[cfg(feature = "usb")]
+            usb_reception: reception,
+            #[cfg(feature = "usb")]
+            usb_sent: sent_out,
+            #[cfg(feature = "usb")]
+            usb_control,
             pins,
             actuators: board.actuators,
             motion,
-            line_level: board::LineLevel::new(reception.count()),
-            flash_erase_in: reception.second(),
-            reception,
+            line_level,
+            flash_erase_in,
             storage: board.storage,
             entries_in,
             entries_out,
@@ -178,10 +208,30 @@ mod app {
     /// Takes the received byte.
     ///
     /// Deadline: one byte time. A miss loses a byte.
+    #[cfg(not(feature = "usb"))]
     #[task(binds = USART1, priority = 4, local = [receiver, reception])]
     fn serial_rx(cx: serial_rx::Context) {
         let _activation = trace::serial_rx();
         cx.local.receiver.serve(cx.local.reception);
+    }
+
+    /// Moves packets between the host and the queues.
+    ///
+    /// Deadline: its period. A miss makes the host wait.
+    #[cfg(feature = "usb")]
+    #[task(binds = TIM1_TRG_COM_TIM11, priority = 4, local = [usb, usb_reception, usb_sent])]
+    fn usb(cx: usb::Context) {
+        let _activation = trace::usb();
+        cx.local
+            .usb
+            .serve(cx.local.usb_reception, cx.local.usb_sent);
+    }
+
+    /// Answers requests of the host that are not data.
+    #[cfg(feature = "usb")]
+    #[task(binds = I2C1_ER, priority = 1, local = [usb_control], shared = [&requests])]
+    fn usb_control(cx: usb_control::Context) {
+        cx.local.usb_control.serve(cx.shared.requests);
     }
 
     /// Begins the segment whose first event `step` has set up.

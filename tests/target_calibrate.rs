@@ -84,6 +84,8 @@ mod target {
         pac::GPIOA::enable(&mut rcc);
         pac::TIM2::enable(&mut rcc);
         pac::SYSCFG::enable(&mut rcc);
+        #[cfg(feature = "usb")]
+        pac::OTG_FS_GLOBAL::enable(&mut rcc);
     }
 
     /// The number that the build script has made of the board's file.

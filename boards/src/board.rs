@@ -26,6 +26,8 @@ const SECOND_MOTORS: &str = "second-motors";
 pub const EEPROM: &str = "eeprom";
 /// The same for one of 4 KiB.
 pub const SMALL_EEPROM: &str = "eeprom-4";
+/// The feature of a firmware whose sender is at the USB socket.
+pub const USB: &str = "usb";
 /// Bytes of a board's name: what the longest line of `M115` leaves.
 const MAX_TITLE_BYTES: usize = 40;
 
@@ -175,6 +177,11 @@ impl Board {
         variants.any(|variant| !variant.wiring.phases.is_empty())
     }
 
+    /// Returns whether the sender is at the USB socket, instead of at a UART.
+    pub fn has_usb(&self) -> bool {
+        self.variants[0].wiring.has_usb
+    }
+
     /// Returns the features of the firmware that the board needs with a number of axes, or with the nearest number
     /// that it has pins for: those of its chip, its clock, its motors and its settings.
     pub fn features(&self, axes: usize) -> Vec<String> {
@@ -185,6 +192,7 @@ impl Board {
             (!wiring.second.is_empty(), SECOND_MOTORS),
             (wiring.eeprom.is_some(), EEPROM),
             (is_small, SMALL_EEPROM),
+            (wiring.has_usb, USB),
         ];
         let special = special.into_iter().filter(|(is_needed, _)| *is_needed);
         let clock = self.chip.clocks.feature().into_iter();
@@ -205,6 +213,8 @@ fn refuse_unemulated(qemu: &Entry, wirings: &[Wiring]) -> Result<(), Fault> {
         "the emulator records steps and directions: a board with phases has none"
     } else if wirings.iter().any(|wiring| wiring.eeprom.is_some()) {
         "the emulator has no EEPROM: settings are in flash there"
+    } else if wirings.iter().any(|wiring| wiring.has_usb) {
+        "the emulator has no USB: link = \"uart\" is what it has"
     } else {
         return Ok(());
     };
@@ -387,7 +397,7 @@ fn wirings(
     }
     let mut functions = Entries::default();
     for prefix in [
-        "axes.", "outputs.", "inputs.", "serial.", "eeprom", "at_boot.",
+        "link", "axes.", "outputs.", "inputs.", "serial.", "eeprom", "at_boot.",
     ] {
         functions.replace_with(&entries.take_group(prefix));
     }

@@ -316,7 +316,7 @@ const TABLES: [&str; 8] = [
     "with_4_axes and more",
 ];
 /// Keys that stand above the tables, but for `name`.
-pub(crate) const TOP: [&str; 10] = [
+pub(crate) const TOP: [&str; 11] = [
     "about",
     "like",
     "sources",
@@ -324,6 +324,7 @@ pub(crate) const TOP: [&str; 10] = [
     "crystal_mhz",
     "crystal_bypassed",
     "qemu",
+    "link",
     "bootloader",
     "debug_pins",
     "polled",

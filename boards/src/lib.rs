@@ -22,7 +22,7 @@ mod serial;
 mod timer;
 mod wiring;
 
-pub use board::{Board, EEPROM, MOST_AXES, PHASES, SMALL_EEPROM};
+pub use board::{Board, EEPROM, MOST_AXES, PHASES, SMALL_EEPROM, USB};
 pub use chip::{Chip, Clocks, Part};
 pub use entries::{Fault, Place};
 #[cfg(feature = "klipper")]

@@ -206,19 +206,28 @@ fn hexadecimal(address: u32) -> String {
 
 /// The task binds the vector of USART1: that of another one calls it.
 fn forwarding(usart: u8) -> String {
-    let (head, body) = if usart == 1 {
+    let (forwarded, body) = if usart == 1 {
         (String::new(), "    let _ = (nvic, priority);\n".to_owned())
     } else {
         (
+            format!("super::vectors::forward_vectors!(USART{usart} => USART1);"),
             format!(
-                "\nuse super::vectors;\n\nvectors::forward_vectors!(USART{usart} => USART1);\n"
+                "    super::vectors::unmask(nvic, &[pac::Interrupt::USART{usart}], priority);\n"
             ),
-            format!("    vectors::unmask(nvic, &[pac::Interrupt::USART{usart}], priority);\n"),
         )
     };
     format!(
-        "{head}
+        "
+/// Has the vector of the sender call that of USART1, where it is another.
+#[allow(unused_macros, reason = \"over USB there is no such vector\")]
+macro_rules! forward_sender {{
+    () => {{ {forwarded} }};
+}}
+#[allow(unused_imports, reason = \"over USB there is no such vector\")]
+pub(super) use forward_sender;
+
 /// Unmasks the vector of the sender, where RTIC does not.
+#[allow(dead_code, reason = \"over USB there is no such vector\")]
 pub(super) fn unmask_sender(nvic: &mut pac::NVIC, priority: u8) {{
 {body}}}
 "

@@ -13,6 +13,18 @@ const GANGED_AXES: usize = 3;
 /// Coils of a motor that is driven by phases.
 pub(crate) const COILS: usize = 4;
 
+/// The pins of the USB socket, D- and D+: the full-speed core of each chip has no others.
+pub(crate) const USB_PINS: [Pin; 2] = [
+    Pin {
+        port: 0,
+        number: 11,
+    },
+    Pin {
+        port: 0,
+        number: 12,
+    },
+];
+
 /// An input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Input {
@@ -99,8 +111,10 @@ pub struct Wiring {
     pub inputs: Vec<(Input, SignedPin)>,
     /// Pins that get a level before all others, and keep it.
     pub at_boot: Vec<(Pin, bool)>,
-    /// The sender's.
+    /// The sender's, or where the sender is at the USB socket, those of what is said when the firmware does not start.
     pub serial: SerialPins,
+    /// The sender is at the USB socket, on [`USB_PINS`].
+    pub has_usb: bool,
     /// Those of the EEPROM that has the settings.
     pub eeprom: Option<EepromPins>,
 }
@@ -149,6 +163,7 @@ impl Wiring {
         pins.extend(self.inputs.iter().map(|(_, signed)| signed.pin));
         pins.extend(self.at_boot.iter().map(|(pin, _)| *pin));
         pins.extend([self.serial.transmit, self.serial.receive]);
+        pins.extend(USB_PINS.into_iter().filter(|_| self.has_usb));
         pins.extend(
             self.eeprom
                 .into_iter()

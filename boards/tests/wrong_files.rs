@@ -39,6 +39,12 @@ F13 = "MOTOR0"
 /// before all others.
 const WRONG: &[(&str, &str, usize, &str)] = &[
     (
+        "",
+        "link = \"serial\"\n",
+        1,
+        "the sender is at \"usb\" or at \"uart\", not at \"serial\"",
+    ),
+    (
         "chip = \"F446ZE\"",
         "chip = \"F466ZE\"",
         2,
@@ -516,6 +522,27 @@ axes.A.limit = "D14"
     let eleven = most.replace("reset = \"^!F3\"\n", "");
     let board = read("eleven", &eleven).expect("11 inputs");
     assert_eq!(board.wiring(4).expect("pins").inputs.len(), 11);
+}
+
+#[test]
+fn a_sender_at_the_usb_socket_takes_its_pins() {
+    let usb = format!("link = \"usb\"\n{RIGHT}");
+    let board = read("usb", &usb).expect("nothing is wrong");
+    assert!(board.has_usb() && board.features(3).contains(&"usb".to_owned()));
+    let at_uart = usb.replace("usb", "uart");
+    let board = read("uart", &at_uart).expect("nothing is wrong");
+    assert!(!board.has_usb() && !board.features(3).contains(&"usb".to_owned()));
+    for pin in ["A11", "A12"] {
+        let taken = usb.replace("spindle = \"D14\"", &format!("spindle = \"{pin}\""));
+        let error = read("taken", &taken).expect_err("a pin has two functions");
+        assert!(
+            error.contains(&format!("P{pin} is link already")),
+            "{error}"
+        );
+    }
+    let emulated = format!("qemu = \"netduinoplus2\"\n{usb}");
+    let error = read("emulated", &emulated).expect_err("the emulator has no USB");
+    assert!(error.contains("the emulator has no USB"), "{error}");
 }
 
 #[test]

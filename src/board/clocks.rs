@@ -66,6 +66,10 @@ pub(super) fn start(mut rcc: Rcc, flash: &pac::FLASH) -> Clocks {
              takes as long as the proof counts"
         );
         assert!(
+            !cfg!(feature = "usb") || set.pll48clk() == Some(Hertz::MHz(48)),
+            "USB has its clock"
+        );
+        assert!(
             is_core_clock(&rcc),
             "the registers of the clocks have what was written to them"
         );
@@ -103,7 +107,10 @@ fn raise_voltage(power: &pac::pwr::RegisterBlock) {
 }
 
 fn from_crystal() -> Config {
-    let config = Config::hse(Hertz::from_raw(WIRING.crystal_hz));
+    let mut config = Config::hse(Hertz::from_raw(WIRING.crystal_hz));
+    if cfg!(feature = "usb") {
+        config = config.require_pll48clk();
+    }
     if WIRING.is_crystal_bypassed {
         config.bypass_hse_oscillator()
     } else {

@@ -19,7 +19,7 @@ use rtt_target::UpChannel;
 #[cfg(not(feature = "trace"))]
 use rtt_target::{ChannelMode, rtt_init};
 
-use super::{outputs, pac, serial::FaultPort, watchdog};
+use super::{fault_port::FaultPort, outputs, pac, watchdog};
 
 /// Number of the RTT channel.
 const CHANNEL: usize = 0;
@@ -118,6 +118,10 @@ pub(super) fn refuse(words: &[&str]) -> ! {
         }
         let _ = FaultPort.write_str("]\r\n");
         watchdog::pause(PAUSE_CYCLES);
+        if cfg!(feature = "usb") {
+            // Nobody hears it who has no adapter at the USART: what can end by itself shall.
+            SCB::sys_reset();
+        }
     }
 }
 

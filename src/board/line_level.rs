@@ -39,7 +39,8 @@ impl LineLevel {
     #[inline(never)]
     pub(crate) fn check(&mut self, requests: &Requests) {
         tasks::sample_line(
-            contacts::is_line_low(),
+            // USB has a request for a break.
+            !cfg!(feature = "usb") && contacts::is_line_low(),
             motion_clock::take_millisecond(&mut self.counted_ticks).into(),
             self.received,
             &mut self.watches,

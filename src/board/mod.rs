@@ -20,6 +20,7 @@ mod delay_timer;
 mod eeprom;
 mod enable_state;
 mod fault;
+mod fault_port;
 #[cfg(not(feature = "eeprom"))]
 #[cfg_attr(feature = "qemu", path = "qemu/flash.rs")]
 mod flash;
@@ -31,6 +32,9 @@ mod inputs;
 mod line_level;
 #[cfg_attr(feature = "qemu", path = "qemu/motion_clock.rs")]
 mod motion_clock;
+#[cfg_attr(feature = "usb", path = "no_serial.rs")]
+#[cfg_attr(not(feature = "usb"), path = "no_usb_link.rs")]
+mod other_link;
 mod outputs;
 #[cfg_attr(feature = "phases", path = "phase_pins.rs")]
 mod pins;
@@ -45,6 +49,7 @@ mod qemu;
 pub(crate) mod release;
 #[cfg_attr(feature = "qemu", path = "qemu/reset_state.rs")]
 mod reset_state;
+#[cfg_attr(feature = "usb", path = "usb_link.rs")]
 mod serial;
 mod serial_session;
 mod stack;
@@ -69,11 +74,16 @@ pub(crate) use actuators::Actuators;
 pub(crate) use cortex_m::asm::wfe as sleep;
 pub(crate) use inputs::InputPins;
 pub(crate) use line_level::LineLevel;
+pub(crate) use other_link::*;
 pub(crate) use power_up::init;
 #[cfg(feature = "qemu")]
 pub(crate) use qemu::sleep;
 pub(crate) use release::ChipPlatform;
+#[cfg(not(feature = "usb"))]
 pub(crate) use serial::Receiver;
+pub(crate) use serial::Transmitter;
+#[cfg(feature = "usb")]
+pub(crate) use serial::{UsbControl, UsbLink, UsbMemory};
 pub(crate) use serial_session::SerialSession;
 pub(crate) use step_output::{StepInterrupt, StepPins, StepTimerToken};
 pub(crate) use stm32f4xx_hal::pac;

@@ -9,7 +9,14 @@ pub(crate) const fn step() -> Activation {
 }
 
 /// Begins an activation of `serial_rx`.
+#[cfg(not(feature = "usb"))]
 pub(crate) const fn serial_rx() -> Activation {
+    Activation
+}
+
+/// Begins an activation of `usb`.
+#[cfg(feature = "usb")]
+pub(crate) const fn usb() -> Activation {
     Activation
 }
 

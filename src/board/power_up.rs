@@ -1,12 +1,18 @@
 //! What happens before the tasks run: clocks, pins and peripherals.
 
 use cortex_m::Peripherals as Core;
+#[cfg(feature = "usb")]
+use leadscrew::model::SelfTestFault;
 use leadscrew::{
     model::{Alarm, HAS_REPRAP},
     protocol::Session,
 };
 use stm32f4xx_hal::rcc::{BusClock, Enable, Rcc, RccExt};
 
+#[cfg(not(feature = "usb"))]
+use super::serial::Receiver;
+#[cfg(feature = "usb")]
+use super::serial::UsbPort;
 use super::{
     actuators::Actuators,
     backup_domain,
@@ -14,9 +20,7 @@ use super::{
     clocks::{self, Clocks},
     fault, host_clock, image_check,
     inputs::InputInterrupts,
-    motion_clock, outputs, pac, pins, pwm, reset_state,
-    serial::Receiver,
-    stack,
+    motion_clock, outputs, pac, pins, pwm, reset_state, stack,
     step_output::{StepPins, StepTimerToken},
     step_timer::StepTimer,
     storage::{Medium, Memory, Storage},
@@ -27,6 +31,7 @@ use super::{
 /// Bits a second that sender and firmware exchange.
 pub(super) const BAUD: u32 = 115_200;
 /// Priority of `serial_rx` in `src/app.rs`.
+#[cfg(not(feature = "usb"))]
 const SERIAL_PRIORITY: u8 = 4;
 
 /// The peripherals the tasks drive.
@@ -36,7 +41,11 @@ pub(crate) struct Board {
     /// Token of the tasks that start and stop that timer.
     pub(crate) step_timer: StepTimerToken,
     /// Receiving half of the sender's USART.
+    #[cfg(not(feature = "usb"))]
     pub(crate) receiver: Receiver,
+    /// The USB socket.
+    #[cfg(feature = "usb")]
+    pub(crate) usb: UsbPort,
     /// Switches, probe and buttons.
     pub(crate) inputs: InputInterrupts,
     /// Spindle, coolant and drivers, and the timer that releases `prepare`.
@@ -70,16 +79,21 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     watchdog::set_period(&device.IWDG);
     chosen::enable_clocks(&mut rcc);
     if !is_right_chip(&device.DBGMCU) {
-        refuse_chip(chosen::sender!(device), &rcc, &mut core.NVIC);
+        refuse_chip(chosen::sender!(device), &rcc);
     }
     supply::watch(&device.PWR, &mut rcc, &mut core.NVIC);
     backup_domain::release_pins(&rcc, &device.PWR);
     let Clocks { mut rcc, fault } = clocks::start(rcc, &device.FLASH);
     start_peripherals(&mut rcc);
     pwm::init();
-    let usart = start_serial(chosen::sender!(device), &rcc, &mut core.NVIC);
+    #[cfg_attr(feature = "usb", expect(unused, reason = "it is for faults"))]
+    let usart = start_serial(chosen::sender!(device), &rcc);
     if !image_check::is_whole() {
         fault::refuse(&["Firmware in flash is damaged: write it again"]);
+    }
+    #[cfg(feature = "usb")]
+    if let Some(fault) = fault {
+        refuse_without_usb(fault);
     }
     let actuators = Actuators::new(device.TIM9);
     motion_clock::start(&device.TIM5);
@@ -97,7 +111,10 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     Board {
         step_timer: StepTimerToken::new(),
         output: StepPins::new(StepTimer::new(core.SYST)),
-        receiver: Receiver::new(usart),
+        #[cfg(not(feature = "usb"))]
+        receiver: start_receiver(usart, &mut core.NVIC),
+        #[cfg(feature = "usb")]
+        usb: UsbPort::new(device.TIM11),
         inputs,
         actuators,
         storage,
@@ -114,9 +131,20 @@ fn is_right_chip(debug: &pac::DBGMCU) -> bool {
 
 /// Says for ever that the firmware is for another chip: one with less memory or of a lower frequency may do anything.
 #[cold]
-fn refuse_chip(usart: Usart, rcc: &Rcc, nvic: &mut pac::NVIC) -> ! {
-    let _usart = start_serial(usart, rcc, nvic);
+fn refuse_chip(usart: Usart, rcc: &Rcc) -> ! {
+    let _usart = start_serial(usart, rcc);
     fault::refuse(&["Firmware is for another chip, the STM32", WIRING.chip])
+}
+
+/// Says why the clock of USB does not run, where nothing else could be said to anybody.
+#[cold]
+#[cfg(feature = "usb")]
+fn refuse_without_usb(fault: SelfTestFault) -> ! {
+    fault::refuse(match fault {
+        SelfTestFault::NoCrystal => &["Crystal does not run"],
+        SelfTestFault::OtherCrystal { .. } => &["Crystal of another frequency"],
+        SelfTestFault::LowSupply => &["Supply too low"],
+    })
 }
 
 /// Starts the clocks of the peripherals that all boards use.
@@ -124,14 +152,20 @@ fn start_peripherals(rcc: &mut Rcc) {
     pac::TIM5::enable(rcc);
     pac::TIM9::enable(rcc);
     pac::TIM10::enable(rcc);
+    #[cfg(feature = "usb")]
+    {
+        // The measurement of the crystal, which has the timer before, is over.
+        pac::TIM11::enable(rcc);
+        pac::OTG_FS_GLOBAL::enable(rcc);
+    }
     if HAS_REPRAP {
         pac::TIM4::enable(rcc);
     }
     pac::SYSCFG::enable(rcc);
 }
 
-/// Sets up the sender's USART but for its interrupt, which [`Receiver`] switches on.
-fn start_serial(usart: Usart, rcc: &Rcc, nvic: &mut pac::NVIC) -> Usart {
+/// Sets up the sender's USART, or that of [`FaultPort`](super::fault_port::FaultPort) alone.
+fn start_serial(usart: Usart, rcc: &Rcc) -> Usart {
     let clock_hz = <Usart as BusClock>::clock(&rcc.clocks).raw();
     // RM0090 30.3.4: with 16 samples a bit, the divider in sixteenths is the ratio of the frequencies.
     let divider = (clock_hz + BAUD / 2) / BAUD;
@@ -143,6 +177,12 @@ fn start_serial(usart: Usart, rcc: &Rcc, nvic: &mut pac::NVIC) -> Usart {
     WIRING.transmit.make_alternate(function, Pull::None);
     // A line that nobody drives must not read as bytes.
     WIRING.receive.make_alternate(function, Pull::Up);
-    chosen::unmask_sender(nvic, SERIAL_PRIORITY);
     usart
+}
+
+/// Switches the sender's USART on.
+#[cfg(not(feature = "usb"))]
+fn start_receiver(usart: Usart, nvic: &mut pac::NVIC) -> Receiver {
+    chosen::unmask_sender(nvic, SERIAL_PRIORITY);
+    Receiver::new(usart)
 }

@@ -21,8 +21,14 @@ use leadscrew::{
 };
 
 use super::{
-    contacts::IDLE_PERIOD_US, power_up::BAUD, stack::GUARD_BYTES,
-    watchdog::RELOAD as WATCHDOG_RELOAD,
+    contacts::IDLE_PERIOD_US, power_up, stack::GUARD_BYTES, watchdog::RELOAD as WATCHDOG_RELOAD,
+};
+
+/// Bits a second of the sender; 0 over USB.
+const BAUD: u32 = if cfg!(feature = "usb") {
+    0
+} else {
+    power_up::BAUD
 };
 
 /// Defines a symbol for each constant.
@@ -68,4 +74,18 @@ use leadscrew::stepper::{MAX_ARC_STEPS, MAX_ARC_STRETCHES};
 symbols! {
     MAX_ARC_STEPS
     MAX_ARC_STRETCHES
+}
+
+#[cfg(feature = "usb")]
+use leadscrew::usb::{MOST_ENTRIES, PACKET_BYTES, PACKET_WORDS};
+
+#[cfg(feature = "usb")]
+use super::serial::USB_PERIOD_US;
+
+#[cfg(feature = "usb")]
+symbols! {
+    MOST_ENTRIES
+    PACKET_BYTES
+    PACKET_WORDS
+    USB_PERIOD_US
 }

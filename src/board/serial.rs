@@ -13,7 +13,7 @@
 //! comparison finds both. What all paths need is read once, before they part: each line of flash more takes some of the
 //! cache from all others.
 
-use core::{fmt, hint::cold_path};
+use core::hint::cold_path;
 
 use leadscrew::{
     model::{Requests, queues::SENT_RING},
@@ -21,7 +21,13 @@ use leadscrew::{
     tasks,
 };
 
-use super::{chosen::Usart, pac::usart1::RegisterBlock as UsartRegisters, release::ChipPlatform};
+use super::{
+    chosen::{self, Usart},
+    pac::usart1::RegisterBlock as UsartRegisters,
+    release::ChipPlatform,
+};
+
+chosen::forward_sender!();
 
 /// The receiving half of the USART, owned by `serial_rx`.
 pub(crate) struct Receiver(Usart);
@@ -123,11 +129,11 @@ impl FlashEraseReceiver {
 }
 
 /// The sending half of the USART, with the queue of bytes to be sent.
-pub(super) struct Transmitter(ByteReader<'static>);
+pub(crate) struct Transmitter(ByteReader<'static>);
 
 impl Transmitter {
     /// Returns a transmitter of the bytes of a queue.
-    pub(super) const fn new(sent: ByteReader<'static>) -> Self {
+    pub(crate) const fn new(sent: ByteReader<'static>) -> Self {
         Self(sent)
     }
 
@@ -165,45 +171,5 @@ impl Transmitter {
             true
         });
         tasks::serial_tx(before, self.0.len(), requests, &mut ChipPlatform);
-    }
-}
-
-/// Reads of the status before the port counts as dead, after a fault: some ms, many times a byte.
-const FAULT_READS: u32 = 100_000;
-
-/// The port after a fault, when no task runs any more.
-pub(super) struct FaultPort;
-
-impl FaultPort {
-    /// Switches the sending half on, where the firmware does not start. Baud rate and pins must be set up.
-    #[expect(unsafe_code, reason = "nothing else runs")]
-    pub(super) fn open() {
-        // SAFETY: no task has begun.
-        let usart = unsafe { &*Usart::ptr() };
-        usart.cr1().write(|w| w.ue().enabled().te().enabled());
-    }
-
-    /// Waits until everything has been sent, for a bounded time.
-    #[expect(unsafe_code, reason = "nothing else runs")]
-    pub(super) fn drain() {
-        // SAFETY: reads a register without side effects.
-        let usart = unsafe { &*Usart::ptr() };
-        let _ = (0..FAULT_READS).any(|_| usart.sr().read().tc().bit_is_set());
-    }
-}
-
-impl fmt::Write for FaultPort {
-    #[expect(unsafe_code, reason = "nothing else runs")]
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        // SAFETY: no task runs any more.
-        let usart = unsafe { &*Usart::ptr() };
-        for byte in text.bytes() {
-            let is_ready = (0..FAULT_READS).any(|_| usart.sr().read().txe().bit_is_set());
-            if !is_ready {
-                return Err(fmt::Error);
-            }
-            usart.dr().write(|w| w.dr().set(byte.into()));
-        }
-        Ok(())
     }
 }

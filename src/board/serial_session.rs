@@ -34,13 +34,14 @@ impl SerialSession {
     pub(crate) const fn new(
         session: &'static mut Session,
         received: ByteReader<'static>,
-        (sent, sent_out): (ByteWriter<'static>, ByteReader<'static>),
+        sent: ByteWriter<'static>,
+        transmitter: Transmitter,
         events: EventTap<'static>,
     ) -> Self {
         Self {
             received,
             sent,
-            transmitter: Transmitter::new(sent_out),
+            transmitter,
             session,
             events,
         }

@@ -63,7 +63,14 @@ pub(crate) fn step() -> Activation<STEP> {
 }
 
 /// Begins an activation of `serial_rx`, whose latency is unknown.
+#[cfg(not(feature = "usb"))]
 pub(crate) fn serial_rx() -> Activation<SERIAL_RX> {
+    Activation::start(UNKNOWN)
+}
+
+/// Begins an activation of `usb`, whose latency is unknown.
+#[cfg(feature = "usb")]
+pub(crate) fn usb() -> Activation<SERIAL_RX> {
     Activation::start(UNKNOWN)
 }
 

@@ -4,10 +4,24 @@
 //! different USARTs; the handlers of such vectors call the handler of the vector that the task binds.
 //!
 //! RTIC 2.4 refuses `serial_rx` as one task for each USART under `#[cfg]`: "this task is defined
-//! multiple times". It takes two names with `#[lock_free]` resources, but unmasks the vectors of both
-//! in every image, and then one of them has no handler.
+//! multiple times". It takes tasks with names of their own, but unmasks the vectors of all of them in every image:
+//! [`is_bound`] says which have a handler.
 
 use super::pac::{Interrupt, NVIC};
+
+/// Vector of `usb`, and of its timer.
+const USB: Interrupt = Interrupt::TIM1_TRG_COM_TIM11;
+/// Vector of `usb_control`.
+pub(super) const USB_CONTROL: Interrupt = Interrupt::I2C1_ER;
+
+/// Returns whether a task of this image binds a vector, of those that tasks of `src/app.rs` bind.
+pub(super) const fn is_bound(vector: Interrupt) -> bool {
+    match vector {
+        USB | USB_CONTROL => cfg!(feature = "usb"),
+        Interrupt::USART1 => !cfg!(feature = "usb"),
+        _ => true,
+    }
+}
 
 /// Vector of `prepare` and of its timer.
 pub(crate) const PREPARE: Interrupt = Interrupt::TIM1_BRK_TIM9;

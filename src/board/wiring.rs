@@ -339,6 +339,13 @@ impl Pin {
         self.set_field(MODER, 2, 0b10);
     }
 
+    /// The same with the fastest edges.
+    #[cfg(feature = "usb")]
+    pub(super) fn make_fast_alternate(self, function: u32, pull: Pull) {
+        self.make_alternate(function, pull);
+        self.set_field(OSPEEDR, 2, 0b11);
+    }
+
     /// Sets what a pin has as an output: push-pull, edges of 100 ns (data sheet, I/O AC characteristics), and
     /// a resistor.
     fn set_driver(self, pull: Pull) {

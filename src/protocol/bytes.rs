@@ -184,6 +184,29 @@ impl<'a> ByteWriter<'a> {
         Ok(next)
     }
 
+    /// Enqueues as many bytes as there is room for. Returns how many, and whether one may end a line.
+    pub(super) fn enqueue_some(&mut self, bytes: &[u8]) -> (usize, bool) {
+        let first = self.enqueued();
+        let limit = self.ring.limit.load(Relaxed);
+        let (mut number, mut may_end_line) = (first, false);
+        // wcet-bound: PACKET_BYTES: the bytes of a packet
+        for &byte in bytes {
+            // Counted out instead, the loop is unrolled: that takes more lines of flash, and more time in the worst case.
+            if number == limit {
+                break;
+            }
+            if let Some(slot) = self.ring.slot(number) {
+                slot.store(byte, Relaxed);
+            }
+            number = number.wrapping_add(1);
+            may_end_line |= byte <= b'\r' || byte >= 0x80;
+        }
+        // The reader must not see the number before the bytes.
+        compiler_fence(SeqCst);
+        self.ring.written.store(number, Relaxed);
+        (number.wrapping_sub(first), may_end_line)
+    }
+
     /// Returns the part of a character that is missing after a byte from 0x80 on; `None` where the byte stands alone.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `enqueue`")]
@@ -317,6 +340,14 @@ impl ByteReader<'_> {
     #[must_use]
     pub fn written(&self) -> usize {
         self.ring.written.load(Relaxed)
+    }
+
+    /// Returns the byte of a number, if it waits; it stays.
+    #[inline]
+    #[must_use]
+    pub fn peek(&self, number: usize) -> u8 {
+        let slot = self.ring.slot(number);
+        slot.map_or(0, |slot| slot.load(Relaxed))
     }
 
     /// Replaces a byte that waits, by its number.

@@ -109,21 +109,23 @@ pub fn take_request(
     is_request.then(|| requests.accept(byte, before))
 }
 
-/// Enqueues a byte of a line that [`take_request`] has left. Returns the task to release.
-///
-/// # Errors
-/// The byte, when the queue is full.
+/// Enqueues bytes of lines that [`take_request`] has left, as many as there is room for. Returns how many these are, and
+/// the task to release.
 pub fn enqueue(
-    byte: u8,
+    bytes: &[u8],
     requests: &Requests,
     received: &mut ByteWriter<'_>,
-) -> Result<Release, u8> {
-    let number = received.enqueue(byte)?;
-    if byte >= 0x80 {
+) -> (usize, Release) {
+    let before = received.enqueued();
+    let (count, may_end_line) = received.enqueue_some(bytes);
+    let number = before.wrapping_add(count);
+    if may_end_line || number / MAX_UNRELEASED_BYTES != before / MAX_UNRELEASED_BYTES {
         received.end_line(number);
-        return Ok(Release::Nobody);
+        if requests.awaits_line() {
+            return (count, Release::Interpret);
+        }
     }
-    Ok(enqueued(byte, number, requests, received))
+    (count, Release::Nobody)
 }
 
 /// Whether a byte is a realtime byte, where it counts as one.

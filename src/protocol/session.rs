@@ -382,7 +382,7 @@ impl Session {
         (self.path).sync_at_standstill(machine, self.stage, &mut self.line);
         continue_if(self.send_pending(ports))?;
         if ports.requests.take_greeting() && self.stage.is_welcome_sent() {
-            self.greet();
+            self.greet_again(machine);
             continue_if(self.send_pending(ports))?;
         }
         if ports.requests.take_line_break() {

@@ -1,20 +1,22 @@
 //! The driver of the OTG core: what `usb` does in each period.
 //!
 //! # Cost
-//! A run takes at most [`MOST_ENTRIES`] entries of the receive FIFO, of which one is a packet of data, and sends a packet.
+//! A run takes a packet of data, or at most [`MOST_ENTRIES`] other entries of the receive FIFO, and sends a packet.
 //! Each loop counts constants.
 
+use core::array;
+
 use super::{
-    DATA_ENDPOINT, Mailbox, PACKET_BYTES, PACKET_WORDS, Registers,
+    DATA_ENDPOINT, Mailbox, PACKET_BYTES, Registers,
     endpoints::{self, MOST_RUNS, Stuck, Withdrawal},
     mailbox::{Answer, ControlEvent, halt_bit},
     packet::Packet,
     registers::{
         AHBIDL, ALL_FIFOS, BVALOEN, BVALOVAL, CGINAK_CGONAK, CID, CSRST, DAD, DCFG, DCTL, DIEPTXF0,
         DSTS, ENUMDNE, FDMOD, FULL_SPEED, GAHBCFG, GCCFG, GINTMSK, GINTSTS, GOTGCTL, GRSTCTL,
-        GRXFSIZ, GRXSTSP, GUSBCFG, NOVBUSSENS, PCGCCTL, PHYSEL, PWRDWN, RXFFLSH, RXFLVL, SDIS,
-        SNAK, SUSPSTS, TRDT, TXFFLSH, TXFNUM, USBRST, USBSUSP, VERSION_2, WKUPINT, XFRC, diepctl,
-        diepint, dieptxf, doepctl, entry, fifo,
+        GRXFSIZ, GRXSTSP, GRXSTSR, GUSBCFG, NOVBUSSENS, PCGCCTL, PHYSEL, PWRDWN, RXFFLSH, RXFLVL,
+        SDIS, SNAK, SUSPSTS, TRDT, TXFFLSH, TXFNUM, USBRST, USBSUSP, VERSION_2, WKUPINT, XFRC,
+        diepctl, diepint, dieptxf, doepctl, entry, fifo,
     },
 };
 use crate::{
@@ -27,8 +29,8 @@ use crate::{
 const RUNS_TO_DEVICE_MODE: u8 = 52;
 /// Runs before the core connects: 4 ms behind a soft disconnect, which hosts see after 3 ms (ES0182).
 const RUNS_TO_CONNECTION: u8 = RUNS_TO_DEVICE_MODE + 8;
-/// Entries of the receive FIFO in a run, at most: a packet of data and its end, and those of a SETUP.
-const MOST_ENTRIES: usize = 4;
+/// Entries of the receive FIFO that a run takes which takes no packet of data, at most: two of a SETUP, and two before.
+pub const MOST_ENTRIES: usize = 4;
 
 /// Words of the FIFOs, of which the core has 320: RM0090 34.11. Received are three SETUP packets and two packets of
 /// data, each with its status, with room to spare.
@@ -121,17 +123,23 @@ impl<'a> Driver<'a> {
         line: &mut SenderQueues<'_, '_, '_>,
         platform: &mut impl Platform,
     ) -> bool {
-        self.packet.drain(line.requests, line.received, platform);
-        match self.advance(otg) {
-            Ok(true) => {
-                if self.work(otg, line, platform).is_err() {
-                    self.stage = Stage::Off(0);
-                }
-            }
-            Ok(false) => {}
-            Err(Stuck) => self.stage = Stage::Off(0),
+        let is_working = match self.advance(otg) {
+            Ok(true) => self.work(otg, line, platform),
+            Ok(false) => Ok(false),
+            Err(Stuck) => Err(Stuck),
+        };
+        if is_working.is_err() {
+            self.stage = Stage::Off(0);
         }
+        self.packet.drain(line.requests, line.received, platform);
         self.watch_link(otg, line, platform);
+        if is_working.is_ok_and(|it| it)
+            && self.packet.is_empty()
+            && !self.owes_line_end
+            && self.is_configured
+        {
+            endpoints::arm_data(otg);
+        }
         self.posted.is_some() && self.mailbox.answer().is_none()
     }
 
@@ -212,16 +220,15 @@ impl<'a> Driver<'a> {
         self.posted = Some(event);
     }
 
-    /// Moves packets.
+    /// Moves packets. Returns true.
     fn work(
         &mut self,
         otg: &mut impl Registers,
         line: &mut SenderQueues<'_, '_, '_>,
         platform: &mut impl Platform,
-    ) -> Result<(), Stuck> {
+    ) -> Result<bool, Stuck> {
         let had_setup = self.has_setup;
         self.receive(otg, line, platform);
-        self.packet.drain(line.requests, line.received, platform);
         if had_setup && self.has_setup {
             // The later cores may send no end of it.
             self.post_setup(otg);
@@ -238,53 +245,59 @@ impl<'a> Driver<'a> {
         if is_data_free && self.is_configured {
             self.send(otg, line, platform);
         }
-        if self.packet.is_empty() && !self.owes_line_end && self.is_configured {
-            endpoints::arm_data(otg);
-        }
-        Ok(())
+        Ok(true)
     }
 
-    /// Takes what the receive FIFO has.
+    /// Takes entries of the receive FIFO: a packet of data with its end, or others before such a packet.
     fn receive(
         &mut self,
         otg: &mut impl Registers,
         line: &mut SenderQueues<'_, '_, '_>,
         platform: &mut impl Platform,
     ) {
-        let mut data = None;
-        // wcet-bound: MOST_ENTRIES: each run takes an entry
-        for _ in 0..MOST_ENTRIES {
-            if otg.read(GINTSTS) & RXFLVL == 0 {
-                break;
-            }
-            let status = otg.read(GRXSTSP);
-            let length = ((status >> 4 & 0x7ff) as usize).min(PACKET_BYTES);
-            let mut words = [0; PACKET_WORDS];
-            // wcet-bound: PACKET_WORDS: the words of a packet
-            for word in words.iter_mut().take(length.div_ceil(4)) {
-                *word = otg.read(fifo(0));
-            }
-            match (status >> 17 & 0xf, status & 0xf) {
-                (entry::SETUP, _) => {
-                    self.mailbox.put(&words);
-                    self.control_packet = None;
-                    self.has_setup = true;
-                }
-                (entry::SETUP_DONE, _) if self.has_setup => self.post_setup(otg),
-                (entry::DATA, 0) => {
-                    self.mailbox.put(&words);
-                    self.control_packet = Some(length);
-                }
-                // There is one at most: the endpoint takes another packet only when it is armed again.
-                (entry::DATA, _) => data = Some((length, words)),
-                _ => {}
-            }
-        }
-        if let Some((length, words)) = data {
+        if next_entry(otg).is_some_and(is_data) {
+            let length = packet_bytes(otg.read(GRXSTSP));
             self.is_closed = false;
             let (requests, received) = (line.requests, &mut *line.received);
-            self.packet
-                .fill(length, &words, requests, received, platform);
+            self.packet.fill(length, otg, requests, received, platform);
+            if next_entry(otg).is_some_and(is_end_of_data) {
+                otg.read(GRXSTSP);
+            }
+            return;
+        }
+        // wcet-bound: MOST_ENTRIES: each run takes an entry
+        for _ in 0..MOST_ENTRIES {
+            if next_entry(otg).is_none_or(is_data) {
+                return;
+            }
+            self.take_control(otg);
+        }
+    }
+
+    /// Takes an entry that is no packet of data.
+    fn take_control(&mut self, otg: &mut impl Registers) {
+        let status = otg.read(GRXSTSP);
+        let length = packet_bytes(status);
+        match kind(status) {
+            (entry::SETUP, _) => {
+                self.put(otg, length);
+                self.control_packet = None;
+                self.has_setup = true;
+            }
+            (entry::SETUP_DONE, _) if self.has_setup => self.post_setup(otg),
+            (entry::DATA, _) => {
+                self.put(otg, length);
+                self.control_packet = Some(length);
+            }
+            _ => {}
+        }
+    }
+
+    /// Moves a packet of endpoint 0 into the mailbox.
+    fn put(&mut self, otg: &mut impl Registers, length: usize) {
+        // wcet-bound: PACKET_WORDS: the words of a packet
+        for index in 0..length.div_ceil(4) {
+            self.mailbox.put(index, otg.read(fifo(0)));
         }
     }
 
@@ -331,7 +344,11 @@ impl<'a> Driver<'a> {
             return;
         }
         if let Some(bytes) = answer.packet() {
-            endpoints::send(otg, 0, bytes, self.mailbox.to_send());
+            endpoints::begin_packet(otg, 0, bytes);
+            // wcet-bound: PACKET_WORDS: the words of a packet
+            for word in self.mailbox.to_send().take(bytes.div_ceil(4)) {
+                otg.write(fifo(0), word);
+            }
         }
         if event != ControlEvent::Reset {
             endpoints::arm_control(otg);
@@ -404,27 +421,17 @@ impl<'a> Driver<'a> {
         {
             return;
         }
-        let mut words = [0_u32; PACKET_WORDS];
-        let mut slots = words.iter_mut();
-        let mut length = 0;
-        let mut word = slots.next();
-        line.sent.take_until(|bytes| {
-            // wcet-bound: PACKET_BYTES: the bytes of a packet
-            while length < PACKET_BYTES {
-                let Some(byte) = bytes.next() else {
-                    return false;
-                };
-                if let Some(word) = word.as_deref_mut() {
-                    *word |= u32::from(byte) << (8 * (length % 4));
-                }
-                length += 1;
-                if length.is_multiple_of(4) {
-                    word = slots.next();
-                }
-            }
-            true
-        });
-        endpoints::send(otg, DATA_ENDPOINT, length, words.into_iter());
+        let length = before.min(PACKET_BYTES);
+        endpoints::begin_packet(otg, DATA_ENDPOINT, length);
+        let mut number = line.sent.oldest();
+        // wcet-bound: PACKET_WORDS: the words of a packet
+        for _ in 0..length.div_ceil(4) {
+            // The core sends nothing of what is behind the last byte.
+            let bytes = array::from_fn(|index| line.sent.peek(number.wrapping_add(index)));
+            otg.write(fifo(DATA_ENDPOINT), u32::from_le_bytes(bytes));
+            number = number.wrapping_add(4);
+        }
+        line.sent.consume(length);
         self.owes_packet = length == PACKET_BYTES;
         tasks::serial_tx(before, line.sent.len(), line.requests, platform);
     }
@@ -452,8 +459,8 @@ impl<'a> Driver<'a> {
             tasks::serial_tx(before, 0, line.requests, platform);
         }
         if self.owes_line_end && self.packet.is_empty() {
-            let (requests, received) = (line.requests, &mut *line.received);
-            self.owes_line_end = !self.packet.end_line(requests, received, platform);
+            self.owes_line_end = false;
+            self.packet.end_line(line.requests, line.received);
         }
     }
 
@@ -463,6 +470,31 @@ impl<'a> Driver<'a> {
         line.requests.report_link_loss();
         platform.pend(Task::Wake);
     }
+}
+
+/// Returns the status of the oldest entry of the receive FIFO, which stays.
+fn next_entry(otg: &mut impl Registers) -> Option<u32> {
+    (otg.read(GINTSTS) & RXFLVL != 0).then(|| otg.read(GRXSTSR))
+}
+
+/// Returns the kind of an entry by its status, and its endpoint.
+const fn kind(status: u32) -> (u32, u32) {
+    (status >> 17 & 0xf, status & 0xf)
+}
+
+/// Returns whether an entry is a packet of data.
+const fn is_data(status: u32) -> bool {
+    matches!(kind(status), (entry::DATA, 1..))
+}
+
+/// Returns whether an entry is the end of a transfer of data.
+const fn is_end_of_data(status: u32) -> bool {
+    matches!(kind(status), (entry::DONE, 1..))
+}
+
+/// Returns the bytes of the packet of an entry of the receive FIFO.
+fn packet_bytes(status: u32) -> usize {
+    ((status >> 4 & 0x7ff) as usize).min(PACKET_BYTES)
 }
 
 /// Switches the transceiver on. The session is not valid yet, so that the host does not see a device that has no set-up.

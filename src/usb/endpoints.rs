@@ -5,7 +5,7 @@ use super::{
     registers::{
         BULK_TYPE, CNAK, ENDPOINT_FIFO, EPDIS, EPENA, EPTYP, GRSTCTL, INTERRUPT, KEPT, PKTCNT,
         SD0PID, SNAK, STALL, STUPCNT, TXFFLSH, TXFNUM, USBAEP, diepctl, dieptsiz, doepctl,
-        doeptsiz, fifo,
+        doeptsiz,
     },
 };
 
@@ -74,20 +74,12 @@ pub(super) fn stall_control(otg: &mut impl Registers) {
     otg.write(doepctl(0), STALL | SNAK);
 }
 
-/// Gives an IN endpoint a packet of so many bytes, of these words. Only while the endpoint has none.
-pub(super) fn send(
-    otg: &mut impl Registers,
-    endpoint: u8,
-    bytes: usize,
-    words: impl Iterator<Item = u32>,
-) {
+/// Gives an IN endpoint a packet of so many bytes, whose words are written to its FIFO next. Only while the endpoint has
+/// none.
+pub(super) fn begin_packet(otg: &mut impl Registers, endpoint: u8, bytes: usize) {
     let kept = otg.read(diepctl(endpoint)) & KEPT;
     otg.write(dieptsiz(endpoint), 1 << PKTCNT | bytes as u32);
     otg.write(diepctl(endpoint), kept | EPENA | CNAK);
-    // wcet-bound: PACKET_WORDS: the words of a packet
-    for word in words.take(bytes.div_ceil(4)) {
-        otg.write(fifo(endpoint), word);
-    }
 }
 
 /// Returns whether an IN endpoint still has its packet.

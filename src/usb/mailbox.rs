@@ -155,10 +155,10 @@ impl Mailbox {
         }
     }
 
-    /// Stores a packet of the host; for `usb` alone.
-    pub(super) fn put(&self, packet: &[u32; PACKET_WORDS]) {
-        for (slot, word) in self.received.iter().zip(packet) {
-            slot.store(*word, Relaxed);
+    /// Stores a word of a packet of the host; for `usb` alone.
+    pub(super) fn put(&self, index: usize, word: u32) {
+        if let Some(slot) = self.received.get(index) {
+            slot.store(word, Relaxed);
         }
     }
 
@@ -251,7 +251,7 @@ mod tests {
     fn an_answer_counts_for_the_newest_event_only() {
         let mailbox = Mailbox::new();
         assert!(mailbox.begin().is_none());
-        mailbox.put(&[0x0100_0680; PACKET_WORDS]);
+        mailbox.put(0, 0x0100_0680);
         mailbox.post(ControlEvent::Setup);
         assert!(mailbox.answer().is_none());
         let (event, code, packet) = mailbox.begin().expect("an event has been posted");

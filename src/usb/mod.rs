@@ -32,14 +32,14 @@ pub mod registers;
 
 pub use bus::{ControlBus, ControlBusAllocator};
 pub use control::{LONGEST_NAME, SERIAL_NUMBER_LENGTH, UsbControl, serial_number};
-pub use driver::{Driver, SenderQueues};
+pub use driver::{Driver, MOST_ENTRIES, SenderQueues};
 pub use mailbox::Mailbox;
 pub use registers::Registers;
 
 /// Bytes of a full packet of the endpoints 0 and [`DATA_ENDPOINT`].
 pub const PACKET_BYTES: usize = 64;
 /// Words of such a packet in a FIFO of the core.
-const PACKET_WORDS: usize = PACKET_BYTES / 4;
+pub const PACKET_WORDS: usize = PACKET_BYTES / 4;
 
 /// The endpoints of the data, one for each direction.
 pub const DATA_ENDPOINT: u8 = 1;

@@ -1,6 +1,6 @@
 //! The packet of the host that has come last: its requests are made, its bytes of lines wait for room.
 
-use super::{PACKET_BYTES, PACKET_WORDS};
+use super::{PACKET_BYTES, Registers, registers::fifo};
 use crate::{
     model::Requests,
     protocol::{ByteWriter, realtime},
@@ -32,32 +32,38 @@ impl Packet {
         self.next >= self.end
     }
 
-    /// Takes a packet of so many bytes, behind which every byte of the packet before has been enqueued: makes its
-    /// requests, and keeps the others.
+    /// Takes a packet of so many bytes out of the receive FIFO, when every byte of the packet before has been enqueued:
+    /// makes its requests, and keeps the others.
     pub(super) fn fill(
         &mut self,
         length: usize,
-        words: &[u32; PACKET_WORDS],
+        otg: &mut impl Registers,
         requests: &Requests,
         received: &mut ByteWriter<'_>,
         platform: &mut impl Platform,
     ) {
-        (self.next, self.end) = (0, 0);
+        let words = self.bytes.as_chunks_mut().0;
+        // wcet-bound: PACKET_WORDS: the words of a packet
+        for bytes in words.iter_mut().take(length.div_ceil(4)) {
+            *bytes = otg.read(fifo(0)).to_le_bytes();
+        }
         let enqueued = received.enqueued();
-        let bytes = words.iter().flat_map(|word| word.to_le_bytes());
+        let mut kept = 0;
         // wcet-bound: PACKET_BYTES: the bytes of a packet
-        for byte in bytes.take(length) {
-            let before = enqueued.wrapping_add(self.end);
+        for index in 0..length {
+            let byte = self.bytes.get(index).copied().unwrap_or_default();
+            let before = enqueued.wrapping_add(kept);
             match realtime::take_request(byte, before, requests, received) {
                 Some(release) => platform.release(release),
                 None => {
-                    if let Some(slot) = self.bytes.get_mut(self.end) {
+                    if let Some(slot) = self.bytes.get_mut(kept) {
                         *slot = byte;
-                        self.end += 1;
+                        kept += 1;
                     }
                 }
             }
         }
+        (self.next, self.end) = (0, kept);
     }
 
     /// Enqueues as many bytes as there is room for.
@@ -67,35 +73,21 @@ impl Packet {
         received: &mut ByteWriter<'_>,
         platform: &mut impl Platform,
     ) {
-        // wcet-bound: PACKET_BYTES: the bytes of a packet
-        while let Some(&byte) = self.bytes.get(self.next..self.end).and_then(<[u8]>::first) {
-            let Ok(release) = realtime::enqueue(byte, requests, received) else {
-                return;
-            };
+        let bytes = self.bytes.get(self.next..self.end).unwrap_or_default();
+        let (enqueued, release) = realtime::enqueue(bytes, requests, received);
+        if let Some(last) = bytes.get(..enqueued).and_then(<[u8]>::last) {
+            self.last = *last;
+            self.next += enqueued;
             platform.release(release);
-            self.last = byte;
-            self.next += 1;
         }
     }
 
-    /// Ends the line whose end nobody will send: it counts as damaged. Only while no byte waits. Returns false where there
-    /// is no room.
-    pub(super) fn end_line(
-        &mut self,
-        requests: &Requests,
-        received: &mut ByteWriter<'_>,
-        platform: &mut impl Platform,
-    ) -> bool {
-        if self.last == b'\n' || self.last == b'\r' {
-            return true;
+    /// Ends the line whose end nobody will send: it counts as damaged. Only while no byte waits.
+    pub(super) fn end_line(&mut self, requests: &Requests, received: &ByteWriter<'_>) {
+        if self.last != b'\n' && self.last != b'\r' {
+            requests.lose(received.enqueued());
+            self.bytes[0] = b'\n';
+            (self.next, self.end) = (0, 1);
         }
-        let before = received.enqueued();
-        let Ok(release) = realtime::enqueue(b'\n', requests, received) else {
-            return false;
-        };
-        requests.lose(before);
-        platform.release(release);
-        self.last = b'\n';
-        true
     }
 }

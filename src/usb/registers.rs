@@ -21,7 +21,9 @@ pub const GRSTCTL: usize = 0x010;
 pub const GINTSTS: usize = 0x014;
 /// Events that interrupt.
 pub const GINTMSK: usize = 0x018;
-/// Status of the oldest entry of the receive FIFO, which a read takes out.
+/// Status of the oldest entry of the receive FIFO, which stays.
+pub const GRXSTSR: usize = 0x01c;
+/// The same, which a read takes out.
 pub const GRXSTSP: usize = 0x020;
 /// Size of the receive FIFO.
 pub const GRXFSIZ: usize = 0x024;
@@ -166,6 +168,8 @@ pub const STUPCNT: u32 = 3 << 29;
 pub mod entry {
     /// A packet of data.
     pub const DATA: u32 = 2;
+    /// The end of a transfer.
+    pub const DONE: u32 = 3;
     /// The end of a SETUP.
     pub const SETUP_DONE: u32 = 4;
     /// A SETUP packet.

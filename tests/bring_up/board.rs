@@ -17,6 +17,9 @@ mod crystal;
 #[path = "../../src/board/fault.rs"]
 #[allow(dead_code, reason = "the firmware refuses to start")]
 mod fault;
+#[path = "../../src/board/fault_port.rs"]
+#[allow(dead_code, reason = "the firmware refuses to start")]
+mod fault_port;
 #[path = "../../src/board/motion_clock.rs"]
 #[allow(dead_code, reason = "there are no tasks")]
 mod motion_clock;

@@ -14,11 +14,13 @@ use rtt_target::{ChannelMode, UpChannel};
 use super::{
     Facts,
     chosen::Usart,
-    clock, emulation, flash,
+    clock, emulation,
+    fault_port::FaultPort,
+    flash,
     line::{Line, is_silent},
     pac, priorities,
     sequence::{FROM_BOARD, Sequence, TO_BOARD},
-    serial::{FaultPort, FlashEraseReceiver, Receiver},
+    serial::{FlashEraseReceiver, Receiver},
     stream, vectors,
 };
 

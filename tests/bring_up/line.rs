@@ -5,11 +5,7 @@ use leadscrew::{
     protocol::{ByteReader, ByteWriter, Bytes, Incoming, IncomingWriter},
 };
 
-use super::{
-    clock, emulation,
-    sequence::Sequence,
-    serial::{FaultPort, Transmitter},
-};
+use super::{clock, emulation, fault_port::FaultPort, sequence::Sequence, serial::Transmitter};
 
 /// Longest silence in the middle of bytes, and before them, cycles: half a second, and ten.
 const SILENCE_CYCLES: i64 = 84_000_000;

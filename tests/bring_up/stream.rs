@@ -2,9 +2,9 @@
 
 use super::{
     Facts, clock, emulation,
+    fault_port::FaultPort,
     line::Line,
     sequence::{STREAM, Sequence},
-    serial::FaultPort,
 };
 
 /// Bytes: 6 s on a board.

@@ -4,7 +4,7 @@
 use crate::{cycles::sample, target::Samples};
 
 /// Registers whose reading has no effect, and to which writing 0 has none, by class: RM0090.
-const REGISTERS: [(&str, u32, u32); 4] = [
+const REGISTERS: &[(&str, u32, u32)] = &[
     // GPIOA: IDR, BSRR.
     ("ahb", 0x4002_0010, 0x4002_0018),
     // TIM2, which stands still: CNT, CCR1.
@@ -13,6 +13,9 @@ const REGISTERS: [(&str, u32, u32); 4] = [
     ("apb2", 0x4001_3c14, 0x4001_3c14),
     // NVIC: ISER0.
     ("private", 0xe000_e100, 0xe000_e100),
+    // OTG_FS: CID, GINTSTS.
+    #[cfg(feature = "usb")]
+    ("usb", 0x5000_003c, 0x5000_0014),
 ];
 /// The start of the flash, and of the memory that the processor alone reaches.
 const FLASH: u32 = 0x0800_0000;
@@ -25,7 +28,7 @@ pub(crate) fn measure(samples: &mut Samples) {
     let memory = word.as_ptr() as u32;
     let sample = sample!(1, "ldr {a}, [{p}]", a = out(reg) _, p = in(reg) memory,);
     samples.put("sram", "read", &sample);
-    for (class, to_read, to_write) in REGISTERS {
+    for &(class, to_read, to_write) in REGISTERS {
         let sample = sample!(1, "ldr {a}, [{p}]", a = out(reg) _, p = in(reg) to_read,);
         samples.put(class, "read", &sample);
         let sample = sample!(1, "str {a}, [{p}]", a = in(reg) 0, p = in(reg) to_write,);

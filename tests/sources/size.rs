@@ -4,9 +4,9 @@ use super::sources;
 
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
-    ("boards", 4_140),
-    ("proof", 30_420),
-    ("src", 38_720),
+    ("boards", 4_230),
+    ("proof", 30_480),
+    ("src", 39_000),
     ("tests", 46_700),
     ("xtask", 23_650),
 ];

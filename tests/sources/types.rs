@@ -6,7 +6,8 @@ use super::sources;
 
 /// The file whose place a file takes with a feature, or without it.
 fn place(path: &str) -> String {
-    path.replace("/qemu/", "/").replace("/no_", "/")
+    let path = path.replace("/qemu/", "/").replace("/no_", "/");
+    path.replace("/usb_link.", "/serial.")
 }
 
 /// The name of the type that a line declares; an alias within an `impl` is none.

@@ -208,6 +208,30 @@ fn a_lost_link_holds_a_motion_within_5_ms_and_once() {
     }
 }
 
+#[test]
+fn who_opens_the_port_of_a_locked_machine_sees_the_alarm() {
+    let (mut core, mut machine) = UsbMachine::new(silicons()[0], &FAST);
+    machine.send(&mut core, b"G1X100F3000\n");
+    machine.run(&mut core, 200);
+    machine.send(&mut core, b"\x18");
+    machine.run(&mut core, 200);
+    assert_eq!(machine.state(), State::Alarm);
+    machine.set_open(&mut core, false);
+    machine.run(&mut core, 20);
+    machine.text.clear();
+    machine.set_open(&mut core, true);
+    machine.run(&mut core, 20);
+    let lock = "[MSG:'$H'|'$X' to unlock]\r\n";
+    let expected = format!("ALARM:3\r\n\r\nGrbl 1.1h ['$' for help]\r\n{lock}");
+    assert!(machine.text.contains(&expected), "{:?}", machine.text);
+    machine.send(&mut core, b"$X\n");
+    machine.set_open(&mut core, false);
+    machine.set_open(&mut core, true);
+    machine.run(&mut core, 20);
+    let rest = machine.text.split(lock).nth(1).unwrap_or_default();
+    assert!(rest.contains("Grbl") && !rest.contains("ALARM"), "{rest:?}");
+}
+
 fn suspend(core: &mut Core, _: &mut UsbMachine) {
     core.suspend(true);
 }

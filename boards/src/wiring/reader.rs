@@ -4,7 +4,7 @@ mod motors;
 
 use std::collections::BTreeMap;
 
-use super::{AXES, EepromPins, GANGED_AXES, Input, Wiring};
+use super::{AXES, EepromPins, GANGED_AXES, Input, USB_PINS, Wiring};
 use crate::{
     Chip, Fault, Part, Pin, PwmOutput, SerialPins, SignedPin,
     board::missing,
@@ -82,11 +82,11 @@ impl<'a> WiringReader<'a> {
         file: &Place,
     ) -> Result<Wiring, Fault> {
         let at_boot = self.at_boot()?;
-        let serial = self.serial(file)?;
-        let eeprom = self.eeprom(axes)?;
+        let (serial, has_usb) = (self.serial(file)?, self.has_usb()?);
         let (mut step, mut direction, mut enable) = (Vec::new(), Vec::new(), Vec::new());
         let (mut phases, mut limits) = (Vec::new(), Vec::new());
         let has_phases = self.functions.get("axes.X.phases").is_some();
+        let eeprom = self.eeprom(axes)?;
         for (axis, letter) in (0..).zip(&AXES[..axes]) {
             if has_phases {
                 phases.push(self.phases(&format!("axes.{letter}.phases"), file)?);
@@ -102,11 +102,7 @@ impl<'a> WiringReader<'a> {
         }
         let second = self.second_motors(has_phases, &mut enable, &mut limits)?;
         enable.extend(self.output("outputs.enable")?);
-        if has_phases && !enable.is_empty() {
-            let message =
-                "motors with phases are released by their coils: there is nothing to enable";
-            return Err(file.fault(message));
-        }
+        refuse_enable_of_phases(has_phases, &enable, file)?;
         for letter in &AXES[axes..] {
             self.functions.take_all(&format!("axes.{letter}."));
         }
@@ -124,6 +120,7 @@ impl<'a> WiringReader<'a> {
             inputs: Vec::new(),
             at_boot,
             serial,
+            has_usb,
             eeprom,
         };
         self.inputs(&mut wiring, limits, polled)?;
@@ -179,6 +176,25 @@ impl<'a> WiringReader<'a> {
                 format!("{transmit} and {receive} are not TX and RX of one USART: {known}");
             place.fault(message)
         })
+    }
+
+    /// Reads where the sender is: at a UART, if nothing is said.
+    fn has_usb(&mut self) -> Result<bool, Fault> {
+        let Some(entry) = self.functions.take("link") else {
+            return Ok(false);
+        };
+        match entry.text()? {
+            "uart" => return Ok(false),
+            "usb" => {}
+            other => {
+                let message = format!("the sender is at \"usb\" or at \"uart\", not at {other:?}");
+                return Err(entry.place.fault(message));
+            }
+        }
+        for pin in USB_PINS {
+            self.use_pin(pin, "link", &entry.place)?;
+        }
+        Ok(true)
     }
 
     /// Reads what an EEPROM has, where one is named.
@@ -369,6 +385,19 @@ fn refuse_rest(functions: &Entries) -> Result<(), Fault> {
     let known: Vec<String> = known.collect();
     let known: Vec<&str> = known.iter().map(String::as_str).collect();
     functions.refuse_rest(&known)
+}
+
+/// Refuses what enables drivers where there are none.
+fn refuse_enable_of_phases(
+    has_phases: bool,
+    enable: &[SignedPin],
+    file: &Place,
+) -> Result<(), Fault> {
+    if has_phases && !enable.is_empty() {
+        let message = "motors with phases are released by their coils: there is nothing to enable";
+        return Err(file.fault(message));
+    }
+    Ok(())
 }
 
 fn signed_pin(entry: &Entry) -> Result<SignedPin, Fault> {

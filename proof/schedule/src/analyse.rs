@@ -149,13 +149,15 @@ impl Sources {
         };
         let text = read("schedule.toml")?;
         let image = Image::load(input.elf)?;
+        let app = App::parse(&read("src/app.rs")?, input.features)
+            .map_err(|error| format!("src/app.rs: {error}"))?;
         Ok(Self {
             config: Config::parse(&text)?
                 .of_features(input.features)
+                .without_tasks(&app.others)
                 .of_program(&image, &input.clock)?,
             text,
-            app: App::parse(&read("src/app.rs")?)
-                .map_err(|error| format!("src/app.rs: {error}"))?,
+            app,
             image,
             annotations: Annotations::read(input.root)?,
         })
@@ -271,7 +273,10 @@ impl<'a> Analysis<'a> {
         report.flaws.extend(flaws);
         self.edges(report);
         if self.is_bounded {
-            let mut bauds = BTreeSet::from([115_200, 250_000, 500_000, 1_000_000, report.baud]);
+            let mut bauds = BTreeSet::from([report.baud]);
+            if report.baud > 0 {
+                bauds.extend([115_200, 250_000, 500_000, 1_000_000]);
+            }
             let required = self.system.config.require.step_rate_hz.keys();
             bauds.extend(required.filter_map(|baud| baud.parse::<u32>().ok()));
             for baud in bauds {

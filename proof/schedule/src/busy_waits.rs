@@ -71,7 +71,14 @@ fn is_peripheral(function: &Function, instruction: &Instruction) -> bool {
     is_load
         && matches!(
             region,
-            Some(Region::Ahb | Region::Apb1 | Region::Apb2 | Region::Private | Region::Uncosted)
+            Some(
+                Region::Ahb
+                    | Region::Apb1
+                    | Region::Apb2
+                    | Region::Usb
+                    | Region::Private
+                    | Region::Uncosted
+            )
         )
 }
 

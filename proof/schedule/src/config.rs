@@ -397,6 +397,8 @@ pub struct FlagConfig {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ControlConfig {
+    /// The feature of the programs that it is for; without it, all.
+    pub feature: Option<String>,
     /// Their addresses.
     pub registers: Vec<u32>,
     /// The bits that matter; without it, all, and the register must be written wherever its peripheral is used.
@@ -462,12 +464,26 @@ impl Config {
     /// The file for a program with some features: something else may be required of it, at another step rate.
     #[must_use]
     pub fn of_features(mut self, features: &[String]) -> Self {
-        let mut all = features.iter();
-        let special = all.find_map(|feature| self.require_of.remove(feature));
+        let special = of_features(&mut self.require_of, features);
         self.require = special.unwrap_or(self.require);
-        let mut all = features.iter();
-        let rate = all.find_map(|feature| self.table.step_rate_of.remove(feature));
+        let rate = of_features(&mut self.table.step_rate_of, features);
         self.table.step_rate_hz = rate.unwrap_or(self.table.step_rate_hz);
+        self.control.retain(|it| {
+            let feature = it.feature.as_ref();
+            feature.is_none_or(|it| features.contains(it))
+        });
+        self
+    }
+
+    /// The file without what it says of some tasks.
+    #[must_use]
+    pub fn without_tasks(mut self, names: &[String]) -> Self {
+        for task in names {
+            self.task.remove(task);
+        }
+        for task in self.task.values_mut() {
+            task.releases.retain(|name| !names.contains(name));
+        }
         self
     }
 
@@ -477,6 +493,15 @@ impl Config {
         let mut found = exempt.filter(|exempt| function == exempt.function);
         found.next().map(|exempt| exempt.reason.as_str())
     }
+}
+
+/// What there is for some features: a key names one, or several with `+` between them, of which all must be there. The key
+/// with the most features counts.
+fn of_features<T>(table: &mut BTreeMap<String, T>, features: &[String]) -> Option<T> {
+    let has = |feature: &str| features.iter().any(|own| own == feature);
+    let fitting = table.keys().filter(|key| key.split('+').all(has));
+    let key = fitting.max_by_key(|key| key.split('+').count())?.clone();
+    table.remove(&key)
 }
 
 /// Whether a function's full name ends with the given one, which begins at the start of a word.
@@ -509,6 +534,7 @@ mod tests {
         };
         let plain = step_wcet(&[]);
         assert_eq!(step_wcet(&["chip-f446"]), plain);
+        assert_eq!(step_wcet(&["chip-f446", "usb"]), plain);
         assert!(step_wcet(&["chip-f446", "phases"]) > plain);
     }
 

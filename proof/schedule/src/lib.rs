@@ -94,7 +94,7 @@ pub use program::{Block, Bound, Count, Edge, Function, Loop, Program, Region, Ru
 pub use report::{
     BelievedLoop, Curve, KnownFigures, Line, LoopCounts, Report, Requirement, Section, Stack,
     Stream, SubstitutedRuns, Task, TasksWithoutDeadline, UncountedLoops, UndeadlinedWait, Wcet,
-    Window,
+    Window, link,
 };
 pub use rtic::{App, AppTask};
 pub use source_files::SourceFile;

@@ -133,6 +133,11 @@ impl Model {
             ("ahb", 1 + clock.dma_wait),
             ("apb1", WAITS_PER_DIVISION * clock.apb1_div),
             ("apb2", WAITS_PER_DIVISION * clock.apb2_div),
+            // Until it has been measured: no manual tells it. Assumed is the wait of the slowest bus.
+            (
+                "usb",
+                WAITS_PER_DIVISION * clock.apb1_div.max(clock.apb2_div),
+            ),
             ("private", 1),
             ("flash_data", 2 * wait_states),
             ("flash_miss", miss),
@@ -199,10 +204,12 @@ impl Model {
             Region::Ahb => self.of("ahb"),
             Region::Apb1 => self.of("apb1"),
             Region::Apb2 => self.of("apb2"),
+            Region::Usb => self.of("usb"),
             Region::Private => self.of("private"),
             Region::Uncosted | Region::Unknown => self
                 .of("apb1")
                 .max(self.of("apb2"))
+                .max(self.of("usb"))
                 .max(self.of("flash_data")),
         }
     }

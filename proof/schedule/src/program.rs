@@ -25,9 +25,11 @@ pub enum Region {
     Apb1,
     /// Timers 1 and 8, USART 1, EXTI and others.
     Apb2,
+    /// The full-speed core of USB.
+    Usb,
     /// The processor's own: NVIC, SysTick, DWT.
     Private,
-    /// Memory without a cost in the model: bit-band aliases, USB, external memory.
+    /// Memory without a cost in the model: bit-band aliases, the high-speed core of USB, external memory.
     Uncosted,
     /// Not known: charged as the slowest.
     Unknown,

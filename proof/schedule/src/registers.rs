@@ -187,7 +187,7 @@ impl Registers<'_> {
         let is_suspect = match store.region {
             Region::Ahb | Region::Apb1 | Region::Apb2 | Region::Private => true,
             Region::Unknown => frames.iter().any(is_volatile),
-            Region::Flash | Region::Sram | Region::Ccm | Region::Uncosted => false,
+            Region::Flash | Region::Sram | Region::Ccm | Region::Usb | Region::Uncosted => false,
         };
         let mut allowed = self.system.config.register.iter().filter(|it| it.computed);
         let is_allowed = allowed.any(|it| {

@@ -25,7 +25,7 @@ pub struct Report {
     pub timer_hz: u64,
     /// Step rate that the table is for: pulses of all axes together, per second.
     pub step_rate_hz: u32,
-    /// Baud rate that the table is for.
+    /// Baud rate that the table is for; 0 over USB.
     pub baud: u32,
     /// The tasks, the highest priority first.
     pub tasks: Vec<Task>,
@@ -296,6 +296,15 @@ pub struct Section {
     pub cycles: u64,
     /// Why it does not count, when it does not.
     pub exempt: Option<String>,
+}
+
+/// The link to the sender, behind a word: `at 115200 baud`, `over USB`.
+#[must_use]
+pub fn link(word: &str, baud: u32, shown: impl Fn(u64) -> String) -> String {
+    match baud {
+        0 => "over USB".into(),
+        _ => format!("{word} {} baud", shown(baud.into())),
+    }
 }
 
 /// A figure that `schedule.toml` sets a limit to.

@@ -1,6 +1,6 @@
 //! The requirements of `schedule.toml`, and whether a report meets them.
 
-use crate::{Config, Flaw, Place, Report, Requirement, Rule};
+use crate::{Config, Flaw, Place, Report, Requirement, Rule, link};
 
 /// The step rates that are required of an image with so many axes, each with its baud rate.
 pub(crate) fn points(config: &Config, axes: u8) -> impl Iterator<Item = (u32, u32)> {
@@ -39,7 +39,7 @@ fn new(what: &str, unit: &str, required: f64, found: f64, is_met: bool) -> Requi
 fn rate(report: &Report, (required, baud): (u32, u32)) -> Requirement {
     let rates = &report.proven_step_rate_hz;
     let found = rates.get(&baud.to_string()).copied().unwrap_or(0);
-    let what = format!("step rate at {baud} baud");
+    let what = format!("step rate {}", link("at", baud, |it| it.to_string()));
     new(
         &what,
         "Hz",
@@ -56,7 +56,8 @@ fn wait(config: &Config, report: &Report, point: (u32, u32)) -> Option<Requireme
     let mut waits = report.undeadlined_waits.iter();
     let wait = waits.find(|it| (it.step_rate_hz, it.baud) == point);
     let found = wait.map_or(f64::INFINITY, |it| it.us(report.clock_hz));
-    let what = format!("wait without a deadline at {step_rate_hz} Hz and {baud} baud");
+    let link = link("and", baud, |it| it.to_string());
+    let what = format!("wait without a deadline at {step_rate_hz} Hz {link}");
     Some(new(&what, "µs", most, found.round(), found <= most))
 }
 

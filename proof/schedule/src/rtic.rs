@@ -47,15 +47,17 @@ pub struct App {
     pub tasks: Vec<AppTask>,
     /// Vectors that it lends to software tasks.
     pub dispatchers: Vec<String>,
+    /// Names of tasks that programs with other features have.
+    pub others: Vec<String>,
 }
 
 impl App {
-    /// Reads an application.
+    /// Reads the application of a program with some features.
     ///
     /// # Errors
     ///
     /// Tells what is not understood.
-    pub fn parse(source: &str) -> Result<Self, String> {
+    pub fn parse(source: &str, features: &[String]) -> Result<Self, String> {
         let file = syn::parse_file(source).map_err(|error| error.to_string())?;
         let mut app = None;
         for item in file.items {
@@ -67,11 +69,17 @@ impl App {
                 dispatchers: arguments(attribute)
                     .remove("dispatchers")
                     .map_or_else(Vec::new, idents),
-                tasks: Vec::new(),
+                ..Self::default()
             };
             for item in module.content.into_iter().flat_map(|(_, items)| items) {
-                if let Item::Fn(function) = item {
-                    new.tasks.extend(task(&function)?);
+                let Item::Fn(function) = item else { continue };
+                let Some(task) = task(&function)? else {
+                    continue;
+                };
+                if is_compiled(&function.attrs, features)? {
+                    new.tasks.push(task);
+                } else {
+                    new.others.push(task.name);
                 }
             }
             app = Some(new);
@@ -121,6 +129,26 @@ fn named<'a>(attributes: &'a [Attribute], name: &str) -> Option<&'a Attribute> {
         let last = attribute.path().segments.last();
         last.is_some_and(|last| last.ident == name)
     })
+}
+
+/// Whether a program with some features has what these attributes are of: `cfg(feature = "...")`, or `cfg(not(...))` of
+/// that.
+fn is_compiled(attributes: &[Attribute], features: &[String]) -> Result<bool, String> {
+    let Some(attribute) = named(attributes, "cfg") else {
+        return Ok(true);
+    };
+    let Meta::List(list) = &attribute.meta else {
+        return Err("`cfg` without a condition".into());
+    };
+    let text: String = list.tokens.to_string().split_whitespace().collect();
+    let inner = text
+        .strip_prefix("not(")
+        .and_then(|it| it.strip_suffix(')'));
+    let feature = inner.unwrap_or(&text).strip_prefix("feature=\"");
+    let feature = feature.and_then(|it| it.strip_suffix('"'));
+    let feature = feature.ok_or_else(|| format!("`cfg({text})` is no condition of one feature"))?;
+    let has = features.iter().any(|own| own == feature);
+    Ok(has == inner.is_none())
 }
 
 /// The task of a function, if the function is a task.
@@ -227,7 +255,31 @@ mod tests {
         }";
 
     fn app() -> App {
-        App::parse(SOURCE).unwrap()
+        App::parse(SOURCE, &[]).unwrap()
+    }
+
+    #[test]
+    fn tasks_are_those_of_a_program_with_its_features() {
+        let with = |conditions: [&str; 2], features: &[&str]| {
+            let [first, second] = conditions;
+            let source = SOURCE
+                .replace(
+                    "#[task(binds = SysTick",
+                    &format!("#[cfg({first})] #[task(binds = SysTick"),
+                )
+                .replace(
+                    "#[task(binds = USART1",
+                    &format!("#[cfg({second})] #[task(binds = USART1"),
+                );
+            let features: Vec<_> = features.iter().map(|it| (*it).to_owned()).collect();
+            let app = App::parse(&source, &features)?;
+            Ok::<_, String>((app.tasks[0].name.clone(), app.others))
+        };
+        let conditions = ["not(feature = \"usb\")", "feature = \"usb\""];
+        let of = |first: &str, other: &str| Ok((first.to_owned(), vec![other.to_owned()]));
+        assert_eq!(with(conditions, &["chip"]), of("step", "receive"));
+        assert_eq!(with(conditions, &["chip", "usb"]), of("receive", "step"));
+        assert!(with(["target_os = \"none\"", "feature = \"usb\""], &[]).is_err());
     }
 
     #[test]
@@ -262,9 +314,9 @@ mod tests {
     fn too_few_dispatchers_are_reported() {
         let source = SOURCE.replace("I2C2_EV, ", "");
         assert_eq!(
-            App::parse(&source),
+            App::parse(&source, &[]),
             Err("no dispatcher for `report`".to_owned())
         );
-        assert!(App::parse("mod app {}").is_err());
+        assert!(App::parse("mod app {}", &[]).is_err());
     }
 }

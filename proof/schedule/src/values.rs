@@ -35,6 +35,7 @@ const BIT_BAND_PERIPHERALS: u32 = 0x4200_0000;
 /// Peripherals whose waits no manual tells: both USB controllers, camera, cryptography. RM0090 table 1.
 const USB_HIGH_SPEED: u32 = 0x4004_0000;
 const USB_FULL_SPEED: u32 = 0x5000_0000;
+const CAMERA: u32 = 0x5004_0000;
 
 impl Region {
     /// The region of an address.
@@ -45,12 +46,12 @@ impl Region {
             BIT_BAND_SRAM..0x2400_0000
             | USB_HIGH_SPEED..BIT_BAND_PERIPHERALS
             | BIT_BAND_PERIPHERALS..0x4400_0000
-            | USB_FULL_SPEED..0x6000_0000
-            | 0x6000_0000..0xe000_0000 => Self::Uncosted,
+            | CAMERA..0xe000_0000 => Self::Uncosted,
             0x2000_0000..0x4000_0000 => Self::Sram,
             0x4000_0000..0x4001_0000 => Self::Apb1,
             0x4001_0000..0x4002_0000 => Self::Apb2,
             0x4002_0000..USB_FULL_SPEED => Self::Ahb,
+            USB_FULL_SPEED..CAMERA => Self::Usb,
             0xe000_0000..0xe010_0000 => Self::Private,
             _ => Self::Unknown,
         }

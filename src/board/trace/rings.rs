@@ -69,7 +69,14 @@ static _SEGGER_RTT: ControlBlock = ControlBlock {
     tasks: [
         ring(c"step", 0),
         ring(c"stand-in", 1),
-        ring(c"serial_rx", 2),
+        ring(
+            if cfg!(feature = "usb") {
+                c"usb"
+            } else {
+                c"serial_rx"
+            },
+            2,
+        ),
         ring(c"segment_start", 3),
         ring(c"inputs", 4),
         ring(c"prepare", 5),

@@ -61,13 +61,9 @@ impl Session {
                 if is_of_probing && self.persistence.stored.settings.probing_alarm_switches_off {
                     self.line.interpreter.switch_off();
                 }
-                let settings = &self.persistence.stored.settings;
-                if self.host.write(text, SenderMessage::Alarm(alarm), settings) {
-                    return;
-                }
-                self.power_up.write_alarm(text, alarm);
-                if machine.is_critical {
-                    report::feedback(text, Feedback::ResetNeeded);
+                self.power_up.last_alarm = Some(alarm);
+                if self.write_alarm(alarm) && machine.is_critical {
+                    report::feedback(&mut self.reports.message, Feedback::ResetNeeded);
                     self.reports.has_reported_fault = true;
                 }
             }
@@ -94,6 +90,16 @@ impl Session {
                 self.report_probed(machine.probed);
             }
         }
+    }
+
+    /// Writes an alarm. Returns false where a host of 3D printers has its own words for it.
+    pub(super) fn write_alarm(&mut self, alarm: Alarm) -> bool {
+        let (text, settings) = (&mut self.reports.message, &self.persistence.stored.settings);
+        let is_own = !self.host.write(text, SenderMessage::Alarm(alarm), settings);
+        if is_own {
+            self.power_up.write_alarm(text, alarm);
+        }
+        is_own
     }
 
     /// Reports a fault that only a reset ends. Returns false where no line is answered any more, as in

@@ -15,6 +15,8 @@ pub(super) struct PowerUp {
     pub(super) reset_cause: ResetCause,
     /// What the self-test at power-up has found wrong.
     pub(super) self_test_fault: Option<SelfTestFault>,
+    /// The alarm that was reported last.
+    pub(super) last_alarm: Option<Alarm>,
 }
 
 impl PowerUp {

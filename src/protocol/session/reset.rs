@@ -97,6 +97,7 @@ impl Session {
         }
         if ports.machine.reset_in_motion {
             self.line.interpreter.forget_home();
+            self.power_up.last_alarm = Some(Alarm::ResetInMotion);
             report::alarm(&mut self.reports.message, Alarm::ResetInMotion);
         }
         if owes_answer {
@@ -148,8 +149,19 @@ impl Session {
         Progress::Again
     }
 
+    /// Greets a sender that has come while the machine runs, and says why it is locked.
+    pub(super) fn greet_again(&mut self, machine: &Snapshot) {
+        if machine.state == State::Alarm
+            && let Some(alarm) = self.power_up.last_alarm
+        {
+            self.write_alarm(alarm);
+        }
+        self.greet();
+        self.report_lock(machine);
+    }
+
     /// Writes the first line for a new sender.
-    pub(super) fn greet(&mut self) {
+    fn greet(&mut self) {
         let text = &mut self.reports.message;
         let settings = &self.persistence.stored.settings;
         if !self.host.write(text, SenderMessage::Welcome, settings) {
@@ -171,15 +183,22 @@ impl Session {
         if settings.hard_limits && machine.inputs.has(Levels::LIMITS) {
             report::feedback(text, Feedback::CheckLimits);
         }
-        if machine.state == State::Alarm {
-            if !self.host.write(text, SenderMessage::Locked, settings) {
-                report::feedback(text, Feedback::Locked);
-            }
-            self.stage = LineStage::Reading;
+        self.stage = if self.report_lock(machine) {
+            LineStage::Reading
         } else {
-            self.stage = LineStage::StartingUp(0);
-        }
+            LineStage::StartingUp(0)
+        };
         Progress::Again
+    }
+
+    /// Writes that the machine is locked, if it is. Returns whether it is.
+    fn report_lock(&mut self, machine: &Snapshot) -> bool {
+        let (text, settings) = (&mut self.reports.message, &self.persistence.stored.settings);
+        let is_locked = machine.state == State::Alarm;
+        if is_locked && !self.host.write(text, SenderMessage::Locked, settings) {
+            report::feedback(text, Feedback::Locked);
+        }
+        is_locked
     }
 
     /// Begins the first startup line from `first` on that is not empty.

@@ -227,6 +227,7 @@ impl Core {
             0x00c => self.usb,
             0x010 => self.resets(),
             0x014 => self.flags | if self.received.is_empty() { 0 } else { RXFLVL },
+            0x01c => self.next_status(),
             0x020 => self.pop(),
             0x024 => self.receive_words,
             0x028 => self.transmit[0],
@@ -270,6 +271,13 @@ impl Core {
     }
 
     /// The status of the oldest entry of the receive FIFO, which is taken out.
+    fn next_status(&mut self) -> u32 {
+        if !self.popped.is_empty() {
+            self.forbid("a packet has not been read when the next status is");
+        }
+        self.received.front().map_or(0, |entry| entry.status)
+    }
+
     fn pop(&mut self) -> u32 {
         if !self.popped.is_empty() {
             self.forbid("a packet has not been read when the next status is");

@@ -11,7 +11,7 @@ const APP_SOURCE: &str = "src/app.rs";
 pub(super) fn of_tasks() -> Result<Vec<(String, u8)>> {
     let source = firmware::boards::compile::read(&cargo::root().join(APP_SOURCE))?;
     let source = String::from_utf8(source)?;
-    let app = App::parse(&source).map_err(|error| anyhow!("{APP_SOURCE}: {error}"))?;
+    let app = App::parse(&source, &[]).map_err(|error| anyhow!("{APP_SOURCE}: {error}"))?;
     let vectors = app.vectors().into_iter();
     Ok(vectors
         .map(|(vector, priority)| (vector.to_owned(), priority))

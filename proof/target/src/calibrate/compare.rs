@@ -69,7 +69,7 @@ fn cycles(sample: &Sample, load: u64, refill: u64) -> u64 {
         "load_word" | "store_word" => each.saturating_sub(1).div_ceil(WORDS),
         "refill" => each.saturating_sub(1),
         "table_jump" => each.saturating_sub(refill),
-        "sram" | "ccm" | "ahb" | "apb1" | "apb2" | "private" | "flash_data" => {
+        "sram" | "ccm" | "ahb" | "apb1" | "apb2" | "usb" | "private" | "flash_data" => {
             each.saturating_sub(load)
         }
         "flash_miss" => each.saturating_sub(LINE),

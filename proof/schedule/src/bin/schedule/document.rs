@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail, ensure};
 use common::document::{read, with_part};
 use common::{cargo, text::separated, ui};
 use firmware::image::compiler;
-use schedule::Report;
+use schedule::{Report, link};
 use serde_json::Value;
 
 use crate::{page, text};
@@ -109,9 +109,9 @@ fn json(report: &Report, compiler: &str) -> Result<String> {
 /// The table of the document.
 fn block(report: &Report, compiler: &str) -> String {
     let mut block = format!(
-        "`cargo xtask schedule` on {BOARD}, {AXES} axes, {} steps a second, {} baud, {}; {}:\n\n```text\n{}```\n\n",
+        "`cargo xtask schedule` on {BOARD}, {AXES} axes, {} steps a second, {}, {}; {}:\n\n```text\n{}```\n\n",
         separated(report.step_rate_hz.into()),
-        separated(report.baud.into()),
+        link("at", report.baud, separated),
         compiler.split(" (").next().unwrap_or(compiler),
         text::calibration(report),
         text::tasks(report)

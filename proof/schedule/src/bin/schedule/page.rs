@@ -12,7 +12,7 @@ use std::{fmt::Write as _, path::Path};
 
 use anyhow::{Result, bail};
 use common::text::separated;
-use schedule::Report;
+use schedule::{Report, link};
 
 use super::{
     instant::Instant,
@@ -159,7 +159,7 @@ fn cards(report: &Report) -> String {
     };
     for (baud, rate) in proven_rates(report) {
         let class = if baud == report.baud { " main" } else { "" };
-        let what = format!("steps a second proven at {} baud", grouped(baud.into()));
+        let what = format!("steps a second proven {}", link("at", baud, grouped));
         card(class, &grouped(rate.into()), "/s", &what);
     }
     card(
@@ -231,9 +231,9 @@ fn slack(report: &Report) -> String {
         text += &heading(
             "How far it is to the limit",
             &format!(
-                "What each task has left of its deadline, by step rate, at {} baud. Where the first curve \
+                "What each task has left of its deadline, by step rate, {}. Where the first curve \
                  falls to nothing, the proof ends; the firmware refuses settings that ask for more.",
-                grouped(report.baud.into())
+                link("at", report.baud, grouped)
             ),
         );
         text += &curve::slack(report);
@@ -241,9 +241,9 @@ fn slack(report: &Report) -> String {
     text += &heading(
         "Where the processor's time goes",
         &format!(
-            "At {} steps a second and {} baud, when every release takes its worst time.",
+            "At {} steps a second {}, when every release takes its worst time.",
             grouped(report.step_rate_hz.into()),
-            grouped(report.baud.into())
+            link("and", report.baud, grouped)
         ),
     );
     text += &curve::processor(report);

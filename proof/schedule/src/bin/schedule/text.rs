@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fmt::Write as _, iter};
 
 use common::text::separated;
 use owo_colors::OwoColorize;
-use schedule::{Flaw, KnownFigures, LoopCounts, Place, Report, Requirement, Rule, Task};
+use schedule::{Flaw, KnownFigures, LoopCounts, Place, Report, Requirement, Rule, Task, link};
 
 /// Says what a proof without measurements is.
 pub(super) const NOT_CALIBRATED: &str = "model-proven, not silicon-calibrated";
@@ -59,9 +59,9 @@ pub(super) fn promises(report: &Report) -> Vec<String> {
             "A status request (?) waits {wait} µs for these, and besides for the line being read."
         )
     });
-    let [hz, baud] = [point.0, point.1].map(|it| separated(it.into()));
+    let (hz, link) = (separated(point.0.into()), link("and", point.1, separated));
     let lead = format!(
-        "At {hz} steps a second of all axes and {baud} baud, whatever comes together, from release to end at most:"
+        "At {hz} steps a second of all axes {link}, whatever comes together, from release to end at most:"
     );
     iter::once(lead).chain(rows).chain(wait).collect()
 }
@@ -95,10 +95,11 @@ fn rates_shown(rates: &BTreeMap<String, u32>) -> String {
         ),
     });
     let shown: Vec<_> = shown.collect();
-    if shown.is_empty() {
-        "none".into()
-    } else {
-        format!("{} baud", shown.join(", "))
+    match rates.get("0") {
+        Some(0) => "none over USB".into(),
+        Some(rate) => format!("{} Hz over USB", separated((*rate).into())),
+        None if shown.is_empty() => "none".into(),
+        None => format!("{} baud", shown.join(", ")),
     }
 }
 
@@ -126,9 +127,9 @@ pub(super) fn heading(report: &Report) -> Vec<String> {
             report.clock_hz / 1_000_000
         ),
         format!(
-            "table for {} steps a second (all axes together) and {} baud",
+            "table for {} steps a second (all axes together) {}",
             separated(report.step_rate_hz.into()),
-            separated(report.baud.into())
+            link("and", report.baud, separated)
         ),
         format!("{}, ELF {:.12}", calibration(report), report.elf_sha256),
     ]
@@ -172,9 +173,9 @@ pub(super) fn verdict(report: &Report) -> String {
     let unmet = unmet(report);
     match (report.flaws.len() - unmet, rate(report)) {
         (0, Some(rate)) if rate > 0 => format!(
-            "every deadline is met up to {} steps a second at {} baud ({}){}",
+            "every deadline is met up to {} steps a second {} ({}){}",
             separated(rate.into()),
-            separated(report.baud.into()),
+            link("at", report.baud, separated),
             calibration(report),
             if unmet > 0 {
                 ", but more is required"
@@ -298,8 +299,11 @@ fn waits(report: &Report) -> String {
             f64::INFINITY => "unbounded".to_owned(),
             us => format!("{} µs", shown_us(us)),
         };
-        let (hz, baud) = (separated(it.step_rate_hz.into()), separated(it.baud.into()));
-        format!("{us} at {hz} Hz and {baud} baud")
+        let (hz, link) = (
+            separated(it.step_rate_hz.into()),
+            link("and", it.baud, separated),
+        );
+        format!("{us} at {hz} Hz {link}")
     });
     let waits = waits.collect::<Vec<_>>().join(", ");
     format!("at most {waits}, before the line being read and their own time")

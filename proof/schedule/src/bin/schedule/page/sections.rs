@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use schedule::{Report, Task};
+use schedule::{Report, Task, link};
 
 use super::{grouped, heading, svg::escaped, timeline::colour};
 use crate::text::{self, blocking, known, micros, places, readable, shown, shown_us, wcet};
@@ -37,10 +37,10 @@ pub(super) fn tasks(report: &Report) -> String {
     let mut text = heading(
         "The tasks",
         &format!(
-            "At {} step pulses a second over all axes and {} baud. A task is proven when its response time, \
+            "At {} step pulses a second over all axes {}. A task is proven when its response time, \
              from its release to its end with everything that can come between, is within its deadline.",
             grouped(report.step_rate_hz.into()),
-            grouped(report.baud.into())
+            link("and", report.baud, grouped)
         ),
     );
     text += "<div class=\"scroll\"><table class=\"tasks\">\n<tr><th>task</th><th>priority</th><th>period µs</th>\
