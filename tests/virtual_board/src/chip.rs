@@ -136,7 +136,7 @@ impl Chip {
             flash: FlashWithArray::new(board),
             syscfg: Syscfg,
             timers: SmallTimers::new(),
-            capture: Capture::default(),
+            capture: Capture::new(),
             slots,
             replaced,
             memory: memory::of(board),
@@ -358,7 +358,7 @@ impl Mcu for Chip {
         self.put_on(bus.expect("the bus has been built before"));
         self.correct_voltage();
         self.timers = SmallTimers::new();
-        self.capture = Capture::default();
+        self.capture = Capture::new();
         FlashWithArray::reset(&mut self.flash);
         if let Some(supply) = std::num::NonZeroU32::new(self.models.pwr.supply()) {
             self.flash.registers.set_supply(supply);
