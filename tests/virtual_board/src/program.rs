@@ -50,6 +50,12 @@ impl Program {
         functions.find(|it| it.1 == name).map(|it| it.0)
     }
 
+    /// Whether a function has this in its name.
+    pub(crate) fn names(&self, part: &str) -> bool {
+        let mut functions = self.functions.iter();
+        functions.any(|it| it.1.contains(part))
+    }
+
     /// The name of the function at an address.
     pub(crate) fn name_at(&self, address: u64) -> Option<&str> {
         let mut functions = self.functions.iter();

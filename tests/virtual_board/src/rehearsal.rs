@@ -10,6 +10,7 @@ use board_data::Input;
 use rigless::image::Image;
 
 mod states;
+mod usb;
 
 use crate::{
     bench::Bench,
@@ -188,13 +189,13 @@ pub(crate) fn play(
 
 fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
     let wiring = bench.wiring()?;
-    let has = |input| wiring.inputs.iter().any(|(it, _)| *it == input);
+    let has_limit = wiring.inputs.iter().any(|it| it.0 == Input::Limit(0));
     let right = PowerUp::of(&bench.board);
     let mut script = vec![
         Act::Part("as flashed"),
         Act::Case("a new board".into(), right),
     ];
-    script.extend(everyday(bench.axes, has(Input::Limit(0))));
+    script.extend(everyday(bench.axes, has_limit));
     for (name, pin) in [
         ("spindle", wiring.spindle),
         ("flood", wiring.flood),
@@ -212,6 +213,7 @@ fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
         script.push(Act::Want(Wanted::Erased(2)));
     }
     script.extend(states::script(wiring, right));
+    script.extend(usb::script(bench.link(), right, is_short));
     script.push(Act::Part("states of bootloaders"));
     for (number, (name, _)) in STATES.into_iter().enumerate() {
         if number == 0 || !is_short {

@@ -6,6 +6,8 @@ use rigless::emulator::{Error as EmulatorError, Memory};
 
 use super::*;
 
+mod usb;
+
 const RCC_CR: u64 = 0x4002_3800;
 const RCC_CFGR: u64 = 0x4002_3808;
 const RCC_APB1ENR: u64 = 0x4002_3840;
@@ -45,6 +47,7 @@ struct Rig {
     chip: Chip,
     memory: Words,
     now: u64,
+    crystal_mhz: u32,
 }
 
 impl Rig {
@@ -57,6 +60,7 @@ impl Rig {
             chip,
             memory: Words::default(),
             now: 0,
+            crystal_mhz: board.crystal_mhz,
         }
     }
 

@@ -1,0 +1,270 @@
+//! A host at the other end of a USB cable: it enumerates a device, opens its port, and carries the bytes of a sender.
+//!
+//! `otg::Host` waits for a device by calling. Here the device is a chip whose time passes elsewhere, so the host has a
+//! thread of its own; the core is with one of both at a time, and what they do has an order.
+
+use std::{
+    collections::VecDeque,
+    sync::mpsc::{Receiver, Sender, channel},
+};
+
+use otg::{Core, Host, HostError, Silicon, System};
+
+/// How often the host has its turn, µs: the shortest period that a driver may have, for which `otg::Host` waits.
+pub(crate) const TURN_US: u64 = 500;
+/// Turns in a frame, and packets of 64 bytes that it has room for: USB 2.0, table 5-9.
+const FRAME_TURNS: usize = 2;
+const FRAME_PACKETS: usize = 19;
+const PACKET_BYTES: usize = 64;
+/// Turns without a start of frame after which a device is suspended, 3 ms: USB 2.0 7.1.7.6.
+const SUSPEND_TURNS: usize = 6;
+/// Turns for which a resume is signalled, 20 ms: USB 2.0 7.1.7.7.
+const RESUME_TURNS: usize = 40;
+
+/// What somebody does at the host.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum HostAction {
+    /// The bus is reset, and the device set up as by a system.
+    Enumerate(System),
+    /// A program opens the port.
+    Open,
+    /// It closes the port.
+    Close,
+    /// The host sends no start of frame any more: it sleeps, or the cable is out.
+    Suspend,
+    /// It does again.
+    Resume,
+}
+
+/// The bytes at the host, and what it is to do.
+#[derive(Debug)]
+pub(crate) struct Port {
+    system: System,
+    pub(crate) actions: VecDeque<HostAction>,
+    pub(crate) is_open: bool,
+    /// Bytes to the device, and from it.
+    pub(crate) outgoing: VecDeque<u8>,
+    pub(crate) incoming: Vec<u8>,
+    /// Resets of the chip.
+    pub(crate) chip_resets: usize,
+    /// What the host has missed.
+    pub(crate) faults: Vec<String>,
+}
+
+impl Port {
+    /// Whether the host takes more bytes of its program.
+    pub(crate) fn has_room(&self) -> bool {
+        self.is_open && self.outgoing.len() < FRAME_PACKETS * PACKET_BYTES
+    }
+
+    /// Bytes that wait are lost.
+    pub(crate) fn close(&mut self) {
+        self.is_open = false;
+        self.outgoing.clear();
+    }
+}
+
+/// What goes to and fro between the chip and the host.
+type Turn = (Core, Port);
+
+/// A cable with a host.
+#[derive(Debug)]
+pub(crate) struct Cable {
+    pub(crate) port: Port,
+    silicon: Silicon,
+    turns: Sender<Turn>,
+    ends: Receiver<Turn>,
+}
+
+impl Cable {
+    /// A cable to a host with some system, at a chip of some silicon.
+    pub(crate) fn new(system: System, silicon: Silicon) -> Self {
+        let (turns, to_host) = channel();
+        let (from_host, ends) = channel();
+        let bus = Bus {
+            port: Port::of(system),
+            silicon,
+            turns: to_host,
+            ends: from_host,
+            is_cut: false,
+        };
+        std::thread::spawn(move || bus.live());
+        Self {
+            port: Port::of(system),
+            silicon,
+            turns,
+            ends,
+        }
+    }
+
+    /// The host has its turn.
+    pub(crate) fn pass(&mut self, core: &mut Core) {
+        let of_host = std::mem::replace(core, Core::new(self.silicon));
+        let port = std::mem::replace(&mut self.port, Port::of(System::Linux));
+        let sent = self.turns.send((of_host, port));
+        let turn = sent.ok().and_then(|()| self.ends.recv().ok());
+        (*core, self.port) = turn.expect("the host lives as long as the cable");
+    }
+}
+
+impl Port {
+    fn of(system: System) -> Self {
+        Self {
+            system,
+            actions: VecDeque::new(),
+            is_open: false,
+            outgoing: VecDeque::new(),
+            incoming: Vec::new(),
+            chip_resets: 0,
+            faults: Vec::new(),
+        }
+    }
+}
+
+/// The host's end of the cable.
+struct Bus {
+    port: Port,
+    silicon: Silicon,
+    turns: Receiver<Turn>,
+    ends: Sender<Turn>,
+    /// Nobody is at the other end.
+    is_cut: bool,
+}
+
+impl Bus {
+    /// Ends the turn, and waits for the next.
+    fn wait(&mut self, core: &mut Core) {
+        let of_chip = std::mem::replace(core, Core::new(self.silicon));
+        let port = std::mem::replace(&mut self.port, Port::of(System::Linux));
+        self.is_cut = self.ends.send((of_chip, port)).is_err();
+        self.begin(core);
+    }
+
+    fn begin(&mut self, core: &mut Core) {
+        match self.turns.recv() {
+            Ok(turn) => (*core, self.port) = turn,
+            Err(_) => self.is_cut = true,
+        }
+    }
+
+    fn wait_for(&mut self, core: &mut Core, turns: usize) {
+        for _ in 0..turns {
+            self.wait(core);
+        }
+    }
+
+    /// Sets up whatever is plugged in, and serves it as long as it is there.
+    fn live(mut self) {
+        let mut core = Core::new(self.silicon);
+        let mut host = Host::default();
+        self.begin(&mut core);
+        while !self.is_cut {
+            self.port.close();
+            while let Some(action) = self.port.actions.pop_front() {
+                if let HostAction::Enumerate(system) = action {
+                    self.port.system = system;
+                }
+            }
+            if core.is_connected() {
+                self.serve(&mut host, &mut core);
+            } else {
+                self.wait(&mut core);
+            }
+        }
+    }
+
+    /// Sets the device up and serves it, until it is to be set up anew.
+    fn serve(&mut self, host: &mut Host, core: &mut Core) {
+        let resets = self.port.chip_resets;
+        let system = self.port.system;
+        let enumerated = host.enumerate(core, system, &mut |core| self.wait(core));
+        self.judge(resets, core, "enumerate", enumerated);
+        self.port.is_open = enumerated.is_ok();
+        let (mut turn, mut room, mut is_suspended) = (0, 0, false);
+        while enumerated.is_ok() && self.is_there(resets, core) {
+            let action = self.port.actions.front().copied();
+            if let Some(HostAction::Enumerate(_)) = action {
+                return;
+            }
+            self.port.actions.pop_front();
+            if let Some(action) = action {
+                is_suspended |= action == HostAction::Suspend;
+                is_suspended &= action != HostAction::Resume;
+                self.act(action, host, core);
+            }
+            if turn % FRAME_TURNS == 0 {
+                room = FRAME_PACKETS;
+            }
+            if self.port.is_open && !is_suspended {
+                room -= self.carry(host, core, room);
+            }
+            turn += 1;
+            self.wait(core);
+        }
+        // A host tries again, and not at once.
+        self.wait(core);
+    }
+
+    fn is_there(&self, resets: usize, core: &Core) -> bool {
+        !self.is_cut && core.is_connected() && self.port.chip_resets == resets
+    }
+
+    /// What fails with a device that has not been reset meanwhile is its fault.
+    fn judge(&mut self, resets: usize, core: &Core, what: &str, result: Result<(), HostError>) {
+        if let Err(error) = result
+            && self.is_there(resets, core)
+        {
+            let system = self.port.system;
+            let fault = format!("USB: {system:?} cannot {what}: {error:?}");
+            self.port.faults.push(fault);
+        }
+    }
+
+    fn act(&mut self, action: HostAction, host: &mut Host, core: &mut Core) {
+        let resets = self.port.chip_resets;
+        let system = self.port.system;
+        match action {
+            HostAction::Enumerate(_) => {}
+            HostAction::Open => {
+                let opened = host.open(core, system, &mut |core| self.wait(core));
+                self.judge(resets, core, "open the port", opened);
+                self.port.is_open = opened.is_ok();
+            }
+            HostAction::Close => {
+                self.port.close();
+                let closed = host.set_lines(core, 0, &mut |core| self.wait(core));
+                self.judge(resets, core, "close the port", closed);
+            }
+            HostAction::Suspend => {
+                self.wait_for(core, SUSPEND_TURNS);
+                core.suspend(true);
+            }
+            HostAction::Resume => {
+                core.suspend(false);
+                self.wait_for(core, RESUME_TURNS);
+            }
+        }
+    }
+
+    /// Moves bytes as long as the frame has room and the device takes and has some. Returns the packets.
+    fn carry(&mut self, host: &mut Host, core: &mut Core, room: usize) -> usize {
+        let mut packets = 0;
+        let mut is_taken = true;
+        while is_taken && packets < room && !self.port.outgoing.is_empty() {
+            let length = self.port.outgoing.len().min(PACKET_BYTES);
+            let packet: Vec<u8> = self.port.outgoing.iter().copied().take(length).collect();
+            is_taken = host.offer(core, &packet);
+            if is_taken {
+                self.port.outgoing.drain(..length);
+                packets += 1;
+            }
+        }
+        while packets < room
+            && let Some(packet) = host.take(core)
+        {
+            self.port.incoming.extend(packet);
+            packets += 1;
+        }
+        packets
+    }
+}
