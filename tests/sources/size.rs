@@ -7,7 +7,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_140),
     ("proof", 30_420),
     ("src", 38_720),
-    ("tests", 46_700),
+    ("tests", 47_800),
     ("xtask", 23_650),
 ];
 

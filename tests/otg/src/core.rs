@@ -245,7 +245,7 @@ impl Core {
         }
     }
 
-    /// A register as a debug probe sees it, if there is one that is more than a FIFO.
+    /// A register as a debug probe sees it; `None` for FIFOs and for what has no model.
     #[must_use]
     pub fn peek(&self, offset: usize) -> Option<u32> {
         let register = match offset {

@@ -198,10 +198,9 @@ impl Run {
         }
     }
 
-    /// Takes what has come from the firmware.
+    /// Takes what has come from the firmware, up to what is waited for.
     fn listen(&mut self, session: &mut Session<Machine>) {
-        let lines: Vec<_> = sender(session).lines.drain(..).collect();
-        for line in lines {
+        while let Some(line) = sender(session).lines.pop_front() {
             if line.starts_with("Grbl ") {
                 self.plant.is_greeted = true;
                 self.in_flight.clear();
@@ -238,6 +237,7 @@ impl Run {
             self.lines.push(line);
             if is_awaited {
                 self.current = None;
+                return;
             }
         }
     }

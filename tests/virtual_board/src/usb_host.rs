@@ -10,16 +10,16 @@ use std::{
 
 use otg::{Core, Host, HostError, Silicon, System};
 
-/// How often the host has its turn, µs: the shortest period that a driver may have, for which `otg::Host` waits.
-pub(crate) const TURN_US: u64 = 500;
-/// Turns in a frame, and packets of 64 bytes that it has room for: USB 2.0, table 5-9.
-const FRAME_TURNS: usize = 2;
+/// How often the host runs, µs: the shortest period that a driver may have, for which `otg::Host` waits.
+pub(crate) const PERIOD_US: u64 = 500;
+/// Periods of a frame, and the packets of 64 bytes for which a frame has room: USB 2.0, table 5-9.
+const FRAME_PERIODS: usize = 2;
 const FRAME_PACKETS: usize = 19;
 const PACKET_BYTES: usize = 64;
-/// Turns without a start of frame after which a device is suspended, 3 ms: USB 2.0 7.1.7.6.
-const SUSPEND_TURNS: usize = 6;
-/// Turns for which a resume is signalled, 20 ms: USB 2.0 7.1.7.7.
-const RESUME_TURNS: usize = 40;
+/// Periods without a start of frame after which a device is suspended, 3 ms: USB 2.0 7.1.7.6.
+const SUSPEND_PERIODS: usize = 6;
+/// Periods for which a resume is signalled, 20 ms: USB 2.0 7.1.7.7.
+const RESUME_PERIODS: usize = 40;
 
 /// What somebody does at the host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,45 +65,45 @@ impl Port {
 }
 
 /// What goes to and fro between the chip and the host.
-type Turn = (Core, Port);
+type Handover = (Core, Port);
 
 /// A cable with a host.
 #[derive(Debug)]
 pub(crate) struct Cable {
     pub(crate) port: Port,
     silicon: Silicon,
-    turns: Sender<Turn>,
-    ends: Receiver<Turn>,
+    to_host: Sender<Handover>,
+    from_host: Receiver<Handover>,
 }
 
 impl Cable {
     /// A cable to a host with some system, at a chip of some silicon.
     pub(crate) fn new(system: System, silicon: Silicon) -> Self {
-        let (turns, to_host) = channel();
-        let (from_host, ends) = channel();
+        let (to_host, from_chip) = channel();
+        let (to_chip, from_host) = channel();
         let bus = Bus {
             port: Port::of(system),
             silicon,
-            turns: to_host,
-            ends: from_host,
-            is_cut: false,
+            from_chip,
+            to_chip,
+            is_alone: false,
         };
         std::thread::spawn(move || bus.live());
         Self {
             port: Port::of(system),
             silicon,
-            turns,
-            ends,
+            to_host,
+            from_host,
         }
     }
 
-    /// The host has its turn.
-    pub(crate) fn pass(&mut self, core: &mut Core) {
+    /// The host runs for a period.
+    pub(crate) fn run_host(&mut self, core: &mut Core) {
         let of_host = std::mem::replace(core, Core::new(self.silicon));
         let port = std::mem::replace(&mut self.port, Port::of(System::Linux));
-        let sent = self.turns.send((of_host, port));
-        let turn = sent.ok().and_then(|()| self.ends.recv().ok());
-        (*core, self.port) = turn.expect("the host lives as long as the cable");
+        let sent = self.to_host.send((of_host, port));
+        let back = sent.ok().and_then(|()| self.from_host.recv().ok());
+        (*core, self.port) = back.expect("the host lives as long as the cable");
     }
 }
 
@@ -125,30 +125,33 @@ impl Port {
 struct Bus {
     port: Port,
     silicon: Silicon,
-    turns: Receiver<Turn>,
-    ends: Sender<Turn>,
+    from_chip: Receiver<Handover>,
+    to_chip: Sender<Handover>,
     /// Nobody is at the other end.
-    is_cut: bool,
+    is_alone: bool,
 }
 
 impl Bus {
-    /// Ends the turn, and waits for the next.
+    /// Ends the period, and waits for the next.
     fn wait(&mut self, core: &mut Core) {
         let of_chip = std::mem::replace(core, Core::new(self.silicon));
         let port = std::mem::replace(&mut self.port, Port::of(System::Linux));
-        self.is_cut = self.ends.send((of_chip, port)).is_err();
-        self.begin(core);
-    }
-
-    fn begin(&mut self, core: &mut Core) {
-        match self.turns.recv() {
-            Ok(turn) => (*core, self.port) = turn,
-            Err(_) => self.is_cut = true,
+        if self.to_chip.send((of_chip, port)).is_ok() {
+            self.begin(core);
+        } else {
+            self.is_alone = true;
         }
     }
 
-    fn wait_for(&mut self, core: &mut Core, turns: usize) {
-        for _ in 0..turns {
+    fn begin(&mut self, core: &mut Core) {
+        match self.from_chip.recv() {
+            Ok(handover) => (*core, self.port) = handover,
+            Err(_) => self.is_alone = true,
+        }
+    }
+
+    fn wait_for(&mut self, core: &mut Core, periods: usize) {
+        for _ in 0..periods {
             self.wait(core);
         }
     }
@@ -158,7 +161,7 @@ impl Bus {
         let mut core = Core::new(self.silicon);
         let mut host = Host::default();
         self.begin(&mut core);
-        while !self.is_cut {
+        while !self.is_alone {
             self.port.close();
             while let Some(action) = self.port.actions.pop_front() {
                 if let HostAction::Enumerate(system) = action {
@@ -180,7 +183,7 @@ impl Bus {
         let enumerated = host.enumerate(core, system, &mut |core| self.wait(core));
         self.judge(resets, core, "enumerate", enumerated);
         self.port.is_open = enumerated.is_ok();
-        let (mut turn, mut room, mut is_suspended) = (0, 0, false);
+        let (mut period, mut room, mut is_suspended) = (0, 0, false);
         while enumerated.is_ok() && self.is_there(resets, core) {
             let action = self.port.actions.front().copied();
             if let Some(HostAction::Enumerate(_)) = action {
@@ -192,13 +195,13 @@ impl Bus {
                 is_suspended &= action != HostAction::Resume;
                 self.act(action, host, core);
             }
-            if turn % FRAME_TURNS == 0 {
+            if period % FRAME_PERIODS == 0 {
                 room = FRAME_PACKETS;
             }
             if self.port.is_open && !is_suspended {
                 room -= self.carry(host, core, room);
             }
-            turn += 1;
+            period += 1;
             self.wait(core);
         }
         // A host tries again, and not at once.
@@ -206,7 +209,7 @@ impl Bus {
     }
 
     fn is_there(&self, resets: usize, core: &Core) -> bool {
-        !self.is_cut && core.is_connected() && self.port.chip_resets == resets
+        !self.is_alone && core.is_connected() && self.port.chip_resets == resets
     }
 
     /// What fails with a device that has not been reset meanwhile is its fault.
@@ -236,12 +239,12 @@ impl Bus {
                 self.judge(resets, core, "close the port", closed);
             }
             HostAction::Suspend => {
-                self.wait_for(core, SUSPEND_TURNS);
+                self.wait_for(core, SUSPEND_PERIODS);
                 core.suspend(true);
             }
             HostAction::Resume => {
                 core.suspend(false);
-                self.wait_for(core, RESUME_TURNS);
+                self.wait_for(core, RESUME_PERIODS);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! The OTG full-speed core at its addresses, and what its cable leads to. RM0090 34.16, RM0383 22.16, RM0390 31.15.
 //!
-//! The core is that of `otg`; here it gets its time, its clocks, and a host. Its pages and FIFOs are a window of the bus,
-//! which no register table of the crate describes.
+//! The core is that of `otg`; here it gets its time, its clocks, and a host. Its pages and FIFOs are a window of the
+//! bus, which no register table of the crate describes.
 
 use std::{any::Any, num::NonZeroU64};
 
@@ -17,7 +17,7 @@ use rigless::{
     time::{EventId, VirtualNanos},
 };
 
-use crate::usb_host::{Cable, HostAction, TURN_US};
+use crate::usb_host::{Cable, HostAction, PERIOD_US};
 
 const BASE: u64 = 0x5000_0000;
 /// Pages of registers and the FIFOs of the endpoints; behind them is the memory of the FIFOs, for debugging.
@@ -53,9 +53,9 @@ pub(crate) struct Otg {
     plugged: Option<Plugged>,
     /// The table of a window's registers, which is empty, as the bus has it.
     pub(super) registers: &'static [RegisterSpec],
-    /// The time up to which the core has been brought, and the host's next turn, µs.
+    /// The time up to which the core has been brought, and when the host runs next, µs.
     now_us: u64,
-    turn_us: u64,
+    host_us: u64,
     /// What has been seen to be wrong before the core was reset.
     faults: Vec<String>,
 }
@@ -78,7 +78,7 @@ impl Otg {
             plugged: None,
             registers: &[],
             now_us: 0,
-            turn_us: 0,
+            host_us: 0,
             faults: Vec::new(),
         }
     }
@@ -125,8 +125,8 @@ impl Otg {
         self.faults.extend(untimed);
     }
 
-    /// Takes over what the clock controller says: its reset, RM0090 6.3.6, and whether the transceiver has its clock, or
-    /// has had it: of a crystal that stops, the clock security system tells.
+    /// Takes over the core's reset from the clock controller, RM0090 6.3.6, and the first clock of the transceiver. A
+    /// crystal that stops later is the clock security system's.
     pub(super) fn follow(&mut self, clocks: &Rcc, registers: &RegisterFile) {
         let resets = registers.get(clock_registers::Register::Ahb2rstr);
         if clock_registers::ahb2rstr::OTGFSRST.is_set(resets) {
@@ -154,22 +154,22 @@ impl Otg {
         }
     }
 
-    /// The host has its turn when it is due.
+    /// The host runs when it is due.
     pub(super) fn visit(&mut self, context: &mut DeviceContext<'_>) {
         self.pass_to(context.now());
         let Some(Plugged { cable, program }) = &mut self.plugged else {
             return;
         };
-        if self.now_us < self.turn_us {
+        if self.now_us < self.host_us {
             return;
         }
-        self.turn_us = self.now_us - self.now_us % TURN_US + TURN_US;
+        self.host_us = self.now_us - self.now_us % PERIOD_US + PERIOD_US;
         while cable.port.has_room()
             && let Some(word) = program.transmit(context.now())
         {
             cable.port.outgoing.push_back(word as u8);
         }
-        cable.pass(&mut self.core);
+        cable.run_host(&mut self.core);
         for byte in cable.port.incoming.drain(..) {
             program.receive(byte.into(), &mut Timeline::new(context));
         }

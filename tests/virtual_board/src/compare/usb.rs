@@ -82,32 +82,34 @@ fn clocks(chip: &mut Chip) -> Vec<String> {
 
 fn core(chip: &Chip) -> Vec<String> {
     let core = &chip.otg.core;
-    let register = |offset| core.peek(offset).unwrap_or_default();
-    let is_first = register(CID) < VERSION_2;
-    let usb = register(GUSBCFG);
-    let power = register(GCCFG);
-    let session = register(GOTGCTL);
+    let has = |offset, bits: u32| core.peek(offset).unwrap_or_default() & bits == bits;
+    let is_second = has(CID, VERSION_2);
     let is_long = { core.disconnect_us() }.is_some_and(|us| us >= LEAST_DISCONNECT_US);
-    let rules = [
-        (usb & FDMOD != 0, "GUSBCFG: FDMOD is clear"),
-        (usb & PHYSEL != 0, "GUSBCFG: PHYSEL is clear"),
-        (power & PWRDWN != 0, "GCCFG: PWRDWN is clear"),
-        (
-            !is_first || power & SENSING != 0,
-            "GCCFG: NOVBUSSENS is clear",
-        ),
-        (!is_first || power & VBUSBSEN == 0, "GCCFG: VBUSBSEN is set"),
-        (!is_first || power & VBUSASEN == 0, "GCCFG: VBUSASEN is set"),
-        (is_first || power & SENSING == 0, "GCCFG: VBDEN is set"),
-        (
-            is_first || session & BVALOEN_BVALOVAL == BVALOEN_BVALOVAL,
-            "GOTGCTL: BVALOEN or BVALOVAL is clear",
-        ),
+    let of_version: &[_] = if is_second {
+        &[
+            (!has(GCCFG, SENSING), "GCCFG: VBDEN is set"),
+            (
+                has(GOTGCTL, BVALOEN_BVALOVAL),
+                "GOTGCTL: BVALOEN or BVALOVAL is clear",
+            ),
+        ]
+    } else {
+        &[
+            (has(GCCFG, SENSING), "GCCFG: NOVBUSSENS is clear"),
+            (!has(GCCFG, VBUSBSEN), "GCCFG: VBUSBSEN is set"),
+            (!has(GCCFG, VBUSASEN), "GCCFG: VBUSASEN is set"),
+        ]
+    };
+    let of_both = [
+        (has(GUSBCFG, FDMOD), "GUSBCFG: FDMOD is clear"),
+        (has(GUSBCFG, PHYSEL), "GUSBCFG: PHYSEL is clear"),
+        (has(GCCFG, PWRDWN), "GCCFG: PWRDWN is clear"),
         (
             is_long,
             "DCTL: SDIS is not set for 3 ms before the connection",
         ),
     ];
-    let broken = rules.iter().filter(|(is_kept, _)| !is_kept);
+    let rules = of_both.iter().chain(of_version);
+    let broken = rules.filter(|(is_kept, _)| !is_kept);
     broken.map(|(_, what)| format!("OTG_FS_{what}")).collect()
 }

@@ -16,7 +16,7 @@ use crate::{
     sender::Sender,
     usb_host::{
         HostAction::{self, Close, Enumerate, Open, Resume, Suspend},
-        TURN_US,
+        PERIOD_US,
     },
 };
 
@@ -26,6 +26,8 @@ const RCC_AHB2ENR: u64 = 0x4002_3834;
 const RCC_AHB2RSTR: u64 = 0x4002_3814;
 const OTGFS: u64 = 1 << 7;
 const GPIOA: u64 = 0x4002_0000;
+const OSPEEDR: u64 = GPIOA + 0x08;
+const AFRH: u64 = GPIOA + 0x24;
 const OTG: u64 = 0x5000_0000;
 const GOTGCTL: u64 = OTG;
 const GUSBCFG: u64 = OTG + 0x00C;
@@ -87,8 +89,8 @@ fn set_up(rig: &mut Rig) {
     start_pll(rig, u64::from(crystal_mhz) | HSE, 336, 7);
     rig.write(RCC_AHB1ENR, 1);
     rig.write(GPIOA, 0xA800_0000 | 0b1010 << 22);
-    rig.write(GPIOA + 0x08, 0x0C00_0000 | 0b1111 << 22);
-    rig.write(GPIOA + 0x24, 0xAA << 12);
+    rig.write(OSPEEDR, 0x0C00_0000 | 0b1111 << 22);
+    rig.write(AFRH, 0xAA << 12);
     rig.write(RCC_AHB2ENR, OTGFS);
 }
 
@@ -130,7 +132,7 @@ impl UsbBoard {
         while self.simulator.now() < end {
             let _ = self.simulator.advance(end);
         }
-        self.rig.wait(TURN_US * 1000);
+        self.rig.wait(PERIOD_US * 1000);
         let mut registers = OverBus(&mut self.rig);
         if self.simulator.serve_usb(&mut self.driver, &mut registers) {
             self.simulator.serve_usb_control(&mut self.control);
@@ -150,7 +152,7 @@ impl UsbBoard {
         self.rig.chip.otg.program_as().unwrap()
     }
 
-    /// Waits for a line that begins with this, for less than a second; returns those before it.
+    /// Waits for a line with this beginning, for a second of the board; returns the number of lines before it.
     fn await_line(&mut self, beginning: &str) -> usize {
         let mut before = 0;
         for _ in 0..2000 {
@@ -198,7 +200,7 @@ fn a_driver_is_enumerated_over_the_bus() {
     }
 }
 
-/// Answers are counted as a sender does that waits for each, and one that counts characters.
+/// A sender waits for each answer; another one sends as much as the port takes.
 #[test]
 fn a_job_is_streamed_at_the_rate_of_the_bus() {
     let mut board = UsbBoard::opened(FIRST, System::Linux);
@@ -216,7 +218,7 @@ fn a_job_is_streamed_at_the_rate_of_the_bus() {
         assert_eq!(board.await_line("ok"), 0);
     }
     // The driver takes a packet in each period.
-    let least_ns = job.len() as u64 / 64 * TURN_US * 1000;
+    let least_ns = job.len() as u64 / 64 * PERIOD_US * 1000;
     let ns = board.rig.now - began;
     assert!((least_ns..2 * least_ns).contains(&ns), "{ns} {least_ns}");
     assert_eq!(board.simulator.lost(), 0);
@@ -236,7 +238,7 @@ fn a_frame_has_room_for_19_packets() {
         rig.write(OTG + 0x2000, u32::from_le_bytes(*b"abc\n").into());
     }
     let counts = [(); 5].map(|()| {
-        board.rig.wait(TURN_US * 1000);
+        board.rig.wait(PERIOD_US * 1000);
         board.rig.chip.poll(VirtualNanos(board.rig.now));
         board.sender().lines.len()
     });
@@ -362,95 +364,50 @@ fn fifos_are_windows_and_what_is_read_or_written_amiss_is_a_fault() {
     assert_eq!(board.rig.chip.otg.take_faults(), expected);
 }
 
-/// A register that is changed once everything is right, and what the judge says to it.
+/// A register is changed once everything is right.
 #[test]
 fn each_rule_of_usb_is_judged() {
-    let only = |board: &mut UsbBoard, expected: &str| {
+    for (name, address, bits, expected) in [
+        (FIRST, GPIOA, 1 << 22, "A11, USB: GPIOA_MODER has 3"),
+        (FIRST, GPIOA, 1 << 24, "A12, USB: GPIOA_MODER has 3"),
+        (FIRST, OSPEEDR, 1 << 22, "A11, USB: GPIOA_OSPEEDR has 2"),
+        (FIRST, OSPEEDR, 2 << 24, "A12, USB: GPIOA_OSPEEDR has 1"),
+        (FIRST, AFRH, 1 << 12, "A11, USB: GPIOA_AFR has 11"),
+        (FIRST, AFRH, 1 << 16, "A12, USB: GPIOA_AFR has 11"),
+        (FIRST, RCC_AHB2ENR, OTGFS, "OTGFSEN is clear"),
+        (FIRST, GUSBCFG, 1 << 30, "FDMOD is clear"),
+        (FIRST, GUSBCFG, 1 << 6, "PHYSEL is clear"),
+        (FIRST, GCCFG, 1 << 16, "PWRDWN is clear"),
+        (FIRST, GCCFG, 1 << 18, "VBUSASEN is set"),
+        (FIRST, GCCFG, 1 << 19, "VBUSBSEN is set"),
+        (FIRST, GCCFG, 1 << 21, "NOVBUSSENS is clear"),
+        (SECOND, GUSBCFG, 1 << 30, "FDMOD is clear"),
+        (SECOND, GCCFG, 1 << 16, "PWRDWN is clear"),
+        (SECOND, GCCFG, 1 << 21, "VBDEN is set"),
+        (SECOND, GOTGCTL, 1 << 6, "BVALOEN or BVALOVAL is clear"),
+        (SECOND, GOTGCTL, 1 << 7, "BVALOEN or BVALOVAL is clear"),
+    ] {
+        let mut board = UsbBoard::opened(name, System::Linux);
+        let right = board.rig.read(address);
+        board.rig.write(address, right ^ bits);
         let faults = faults(&mut board.rig.chip);
-        assert_eq!(faults, [expected]);
-    };
-    for (address, bits, expected) in [
-        (GPIOA, 1 << 22, "A11, USB: GPIOA_MODER has 3 instead of 2"),
-        (GPIOA, 1 << 24, "A12, USB: GPIOA_MODER has 3 instead of 2"),
-        (
-            GPIOA + 0x08,
-            1 << 22,
-            "A11, USB: GPIOA_OSPEEDR has 2 instead of 3",
-        ),
-        (
-            GPIOA + 0x08,
-            2 << 24,
-            "A12, USB: GPIOA_OSPEEDR has 1 instead of 3",
-        ),
-        (
-            GPIOA + 0x24,
-            1 << 12,
-            "A11, USB: GPIOA_AFR has 11 instead of 10",
-        ),
-        (
-            GPIOA + 0x24,
-            1 << 16,
-            "A12, USB: GPIOA_AFR has 11 instead of 10",
-        ),
-        (RCC_AHB2ENR, OTGFS, "RCC_AHB2ENR: OTGFSEN is clear"),
-        (GUSBCFG, 1 << 30, "OTG_FS_GUSBCFG: FDMOD is clear"),
-        (GUSBCFG, 1 << 6, "OTG_FS_GUSBCFG: PHYSEL is clear"),
-        (GCCFG, 1 << 16, "OTG_FS_GCCFG: PWRDWN is clear"),
-        (GCCFG, 1 << 18, "OTG_FS_GCCFG: VBUSASEN is set"),
-        (GCCFG, 1 << 19, "OTG_FS_GCCFG: VBUSBSEN is set"),
-        (GCCFG, 1 << 21, "OTG_FS_GCCFG: NOVBUSSENS is clear"),
-    ] {
-        let mut board = UsbBoard::opened(FIRST, System::Linux);
-        let right = board.rig.read(address);
-        board.rig.write(address, right ^ bits);
-        only(&mut board, expected);
-    }
-    for (address, bits, expected) in [
-        (GCCFG, 1 << 16, "OTG_FS_GCCFG: PWRDWN is clear"),
-        (GCCFG, 1 << 21, "OTG_FS_GCCFG: VBDEN is set"),
-        (
-            GOTGCTL,
-            1 << 6,
-            "OTG_FS_GOTGCTL: BVALOEN or BVALOVAL is clear",
-        ),
-        (
-            GOTGCTL,
-            1 << 7,
-            "OTG_FS_GOTGCTL: BVALOEN or BVALOVAL is clear",
-        ),
-    ] {
-        let mut board = UsbBoard::opened(SECOND, System::Linux);
-        let right = board.rig.read(address);
-        board.rig.write(address, right ^ bits);
-        only(&mut board, expected);
+        assert!(faults.len() == 1, "{expected}: {faults:?}");
+        assert!(faults[0].contains(expected), "{expected}: {faults:?}");
     }
 }
 
 #[test]
 fn the_clock_of_usb_is_48_mhz_of_the_crystal() {
     for (divider, factor, usb_divider, expected) in [
-        (
-            8 | HSE,
-            336,
-            8,
-            "RCC_PLLCFGR makes 42000000 Hz for USB instead of 48 MHz",
-        ),
-        (
-            8 | HSE,
-            192,
-            7,
-            "RCC_PLLCFGR makes 27428571 Hz for USB instead of 48 MHz",
-        ),
-        (
-            16,
-            336,
-            7,
-            "RCC_PLLCFGR: USB has the internal oscillator's clock",
-        ),
+        (8 | HSE, 336, 8, "makes 42000000 Hz for USB"),
+        (8 | HSE, 192, 7, "makes 27428571 Hz for USB"),
+        (16, 336, 7, "USB has the internal oscillator's clock"),
     ] {
         let mut board = UsbBoard::opened(FIRST, System::Linux);
         start_pll(&mut board.rig, divider, factor, usb_divider);
-        assert_eq!(faults(&mut board.rig.chip), [expected]);
+        let faults = faults(&mut board.rig.chip);
+        assert!(faults.len() == 1, "{expected}: {faults:?}");
+        assert!(faults[0].contains(expected), "{expected}: {faults:?}");
     }
 }
 
