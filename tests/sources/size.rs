@@ -7,7 +7,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_230),
     ("proof", 30_480),
     ("src", 39_000),
-    ("tests", 46_700),
+    ("tests", 47_850),
     ("xtask", 23_650),
 ];
 

@@ -78,6 +78,8 @@ pub struct Core {
     configuration: u32,
     power: u32,
     flags: u32,
+    /// Which events interrupt.
+    mask: u32,
     receive_words: u32,
     transmit: [u32; ENDPOINTS],
     device: u32,
@@ -87,6 +89,8 @@ pub struct Core {
     clocks: u32,
     device_since_us: Option<u64>,
     disconnected_since_us: u64,
+    /// How long the last soft disconnect was that has ended.
+    disconnect_us: Option<u64>,
     work: Vec<Work>,
     is_suspended: bool,
     received: VecDeque<Entry>,
@@ -125,6 +129,7 @@ impl Core {
             configuration: 0,
             power: 0,
             flags: 0,
+            mask: 0,
             receive_words: 0x200,
             transmit: [0x0200_0200; ENDPOINTS],
             device: 0x0220_0000,
@@ -136,6 +141,7 @@ impl Core {
             clocks: 0,
             device_since_us: None,
             disconnected_since_us: 0,
+            disconnect_us: None,
             work: Vec::new(),
             is_suspended: false,
             received: VecDeque::new(),
@@ -150,6 +156,11 @@ impl Core {
     #[must_use]
     pub fn violations(&self) -> &[String] {
         &self.violations
+    }
+
+    /// Takes them out.
+    pub fn take_violations(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.violations)
     }
 
     fn forbid(&mut self, what: impl Into<String>) {
@@ -222,13 +233,29 @@ impl Core {
             return 0;
         }
         match offset {
+            0x01c => self.next_status(),
+            0x020 => self.pop(),
+            0x1000..=0x4fff => self.popped.pop_front().unwrap_or_else(|| {
+                self.forbid("more words are read than the packet has");
+                0
+            }),
+            _ => self.peek(offset).unwrap_or_else(|| {
+                self.forbid(format!("{offset:#x} is read, which has no model"));
+                0
+            }),
+        }
+    }
+
+    /// A register as a debug probe sees it; `None` for FIFOs and for what has no model.
+    #[must_use]
+    pub fn peek(&self, offset: usize) -> Option<u32> {
+        let register = match offset {
             0x000 => self.session,
             0x008 => self.configuration,
             0x00c => self.usb,
             0x010 => self.resets(),
             0x014 => self.flags | if self.received.is_empty() { 0 } else { RXFLVL },
-            0x01c => self.next_status(),
-            0x020 => self.pop(),
+            0x018 => self.mask,
             0x024 => self.receive_words,
             0x028 => self.transmit[0],
             0x038 => self.power,
@@ -240,15 +267,12 @@ impl Core {
             0x800 => self.device,
             0x804 => self.control,
             0x808 => u32::from(self.is_suspended) | 3 << 1,
-            0x900..=0x97f => Self::read_endpoint(&self.ins[(offset - 0x900) / 0x20], offset),
-            0xb00..=0xb7f => Self::read_endpoint(&self.outs[(offset - 0xb00) / 0x20], offset),
+            0x900..=0x97f => Self::read_endpoint(&self.ins[(offset - 0x900) / 0x20], offset)?,
+            0xb00..=0xb7f => Self::read_endpoint(&self.outs[(offset - 0xb00) / 0x20], offset)?,
             0xe00 => self.clocks,
-            0x1000..=0x1fff => self.popped.pop_front().unwrap_or_else(|| {
-                self.forbid("more words are read than the packet has");
-                0
-            }),
-            _ => 0,
-        }
+            _ => return None,
+        };
+        Some(register)
     }
 
     fn resets(&self) -> u32 {
@@ -261,16 +285,16 @@ impl Core {
         if bits & 1 == 0 { bits | AHBIDL } else { bits }
     }
 
-    fn read_endpoint(endpoint: &Endpoint, offset: usize) -> u32 {
+    fn read_endpoint(endpoint: &Endpoint, offset: usize) -> Option<u32> {
         match offset & 0x1f {
-            0x00 => endpoint.control,
-            0x08 => endpoint.events,
-            0x10 => endpoint.size,
-            _ => 0,
+            0x00 => Some(endpoint.control),
+            0x08 => Some(endpoint.events),
+            0x10 => Some(endpoint.size),
+            _ => None,
         }
     }
 
-    /// The status of the oldest entry of the receive FIFO, which is taken out.
+    /// The status of the oldest entry of the receive FIFO, which stays.
     fn next_status(&mut self) -> u32 {
         if !self.popped.is_empty() {
             self.forbid("a packet has not been read when the next status is");
@@ -278,6 +302,7 @@ impl Core {
         self.received.front().map_or(0, |entry| entry.status)
     }
 
+    /// The same, which is taken out.
     fn pop(&mut self) -> u32 {
         if !self.popped.is_empty() {
             self.forbid("a packet has not been read when the next status is");
@@ -318,6 +343,7 @@ impl Core {
             }
             0x010 => self.begin_work(value),
             0x014 => self.flags &= !(value & EVENTS),
+            0x018 => self.mask = value,
             0x024 => self.receive_words = value,
             0x028 => self.transmit[0] = value,
             0x038 => self.power = value,
@@ -335,7 +361,7 @@ impl Core {
             0x900..=0x97f => self.write_endpoint((offset - 0x900) / 0x20, offset, value, true),
             0xb00..=0xb7f => self.write_endpoint((offset - 0xb00) / 0x20, offset, value, false),
             0x1000..=0x4fff => self.push((offset - 0x1000) / 0x1000, value),
-            _ => {}
+            _ => self.forbid(format!("{offset:#x} is written, which has no model")),
         }
     }
 
@@ -369,7 +395,9 @@ impl Core {
         }
         self.control = value & SDIS;
         if was_off && !is_off {
-            if self.now_us - self.disconnected_since_us < DISCONNECT_US {
+            let us = self.now_us - self.disconnected_since_us;
+            self.disconnect_us = Some(us);
+            if us < DISCONNECT_US {
                 self.forbid("the soft disconnect is too short");
             }
             self.check_set_up();
@@ -423,7 +451,7 @@ impl Core {
                 endpoint.size = value;
                 is_busy.then_some("the size of a transfer is changed while the endpoint is enabled")
             }
-            _ => None,
+            _ => Some("a register without a model is written"),
         };
         if let Some(wrong) = wrong {
             self.forbid(format!("{wrong}, endpoint {number}, IN {is_in}"));
@@ -592,6 +620,12 @@ impl Core {
     #[must_use]
     pub const fn address(&self) -> u8 {
         self.address
+    }
+
+    /// How long the last soft disconnect was that has ended since the reset of the core, µs.
+    #[must_use]
+    pub const fn disconnect_us(&self) -> Option<u64> {
+        self.disconnect_us
     }
 
     /// The silicon that is modelled.

@@ -33,6 +33,15 @@ use crate::{
 /// How long an erasure takes on a board that is served: a sector of 16 KiB takes about as long (data sheets, `t_ERASE16KB`).
 const SERVED_ERASE_NS: u64 = 250_000_000;
 
+/// What leads to the sender.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Link {
+    /// A serial port of the chip.
+    Uart,
+    /// The OTG full-speed core of the chip.
+    Usb,
+}
+
 /// A board and its firmware.
 #[derive(Debug)]
 pub(crate) struct Bench {
@@ -51,6 +60,15 @@ impl Bench {
     pub(crate) fn wiring(&self) -> Result<&Wiring> {
         let wiring = self.board.wiring(self.axes);
         wiring.with_context(|| format!("{} has no {} axes", self.board.name, self.axes))
+    }
+
+    /// What leads to the sender.
+    pub(crate) fn link(&self) -> Link {
+        if self.board.has_usb() {
+            Link::Usb
+        } else {
+            Link::Uart
+        }
     }
 
     /// Where the firmware's vectors are.
@@ -145,7 +163,8 @@ impl Bench {
         is_protected: bool,
     ) -> Result<Box<Machine>> {
         let fitted = FittedParts::of(&self.board);
-        let mut machine = Machine::new(&self.board, self.wiring()?, fitted, is_protected)?;
+        let link = self.link();
+        let mut machine = Machine::new(&self.board, self.wiring()?, link, fitted, is_protected)?;
         plant.connect(&mut machine.chip);
         machine.attach_host(WIRE, peer);
         Ok(Box::new(machine))
@@ -165,6 +184,7 @@ impl Driver<Machine> for Served {
         // Nobody asks for it, however long the board runs.
         self.plant.forget();
         chip.flash.changes.clear();
+        chip.otg.take_faults();
     }
 
     fn on_stop(

@@ -11,6 +11,7 @@ pub(crate) mod memory;
 #[cfg(test)]
 mod tests;
 mod timers;
+mod usb;
 
 use std::collections::BTreeSet;
 
@@ -35,6 +36,7 @@ use self::{
     exti::{Exti, Syscfg},
     flash::FlashWithArray,
     timers::SmallTimers,
+    usb::Otg,
 };
 pub(crate) use self::{exti::Edge, flash::Change};
 
@@ -46,6 +48,7 @@ enum Model {
     Syscfg,
     SmallTimer(usize),
     Capture,
+    Otg,
     /// The chip does not have it.
     Absent,
 }
@@ -60,6 +63,7 @@ pub(crate) struct Chip {
     syscfg: Syscfg,
     timers: SmallTimers,
     capture: Capture,
+    pub(crate) otg: Otg,
     slots: Slots,
     /// What answers for each slot instead of the crate's models.
     replaced: Vec<Option<Model>>,
@@ -81,6 +85,7 @@ struct Slots {
     debug: usize,
     exti: usize,
     syscfg: usize,
+    otg: usize,
 }
 
 /// What differs from what the board's file says.
@@ -125,7 +130,10 @@ impl Chip {
             replaced[bus.slot(instance)?].get_or_insert(Model::SmallTimer(nth));
         }
         replaced[bus.slot("TIM11")?] = Some(Model::Capture);
+        let otg = replaced.len();
+        replaced.push(Some(Model::Otg));
         let slots = Slots {
+            otg,
             clocks: bus.slot("RCC")?,
             debug: bus.slot("DBG")?,
             exti: bus.slot("EXTI")?,
@@ -136,7 +144,8 @@ impl Chip {
             flash: FlashWithArray::new(board),
             syscfg: Syscfg,
             timers: SmallTimers::new(),
-            capture: Capture::default(),
+            capture: Capture::new(),
+            otg: Otg::new(board),
             slots,
             replaced,
             memory: memory::of(board),
@@ -148,6 +157,7 @@ impl Chip {
         };
         chip.models.rcc.attach_crystals(fitted.crystal_hz, 0);
         chip.put_on(chip.bus_with_own()?);
+        chip.otg.registers = chip.bus().slots()[otg].peripheral().registers;
         chip.correct_voltage();
         chip.check()?;
         Ok(chip)
@@ -163,6 +173,9 @@ impl Chip {
         for instance in &mut instances {
             if instance.name == "EXTI" {
                 instance.interrupts = &exti::INTERRUPTS;
+            }
+            if usb::INSTANCES.contains(&instance.name) {
+                (instance.base, instance.size) = (usb::END, 0);
             }
         }
         let mut builder = Bus::builder(stm32f427::CPU, self.memory, instances.iter().copied());
@@ -186,12 +199,14 @@ impl Chip {
                 .reset(instance, "ARR", 0xFFFF)
                 .write_modify(instance, "SR", WriteModify::ZeroToClear);
         }
-        Ok(builder
+        let mut bus = builder
             // RM0090 5.5.1, bit 8: the backup domain takes no write before.
             .gate_writes("RCC", &["BDCR"], Gate::by("PWR", "CR", "DBP"))
             .write_modify("EXTI", "PR", WriteModify::OneToClear)
             .reads_requests("EXTI")
-            .build()?)
+            .build()?;
+        bus.add_window(usb::window())?;
+        Ok(bus)
     }
 
     /// Puts the models on a bus; what the registers of the crate's models hold, and their corrections, come with them.
@@ -217,6 +232,12 @@ impl Chip {
             let (_, registers) = self.models.power();
             registers.set(pwr::Register::Cr, 0x8000);
         }
+    }
+
+    /// Has the OTG core hear of its clocks and its reset, before either changes again.
+    fn follow_clocks(&mut self) {
+        let clocks = self.models.bus().slots()[self.slots.clocks].registers();
+        self.otg.follow(&self.models.rcc, clocks);
     }
 
     /// Fits another crystal, and another chip of the family, from the next reset on.
@@ -358,12 +379,13 @@ impl Mcu for Chip {
         self.put_on(bus.expect("the bus has been built before"));
         self.correct_voltage();
         self.timers = SmallTimers::new();
-        self.capture = Capture::default();
+        self.capture = Capture::new();
         FlashWithArray::reset(&mut self.flash);
         if let Some(supply) = std::num::NonZeroU32::new(self.models.pwr.supply()) {
             self.flash.registers.set_supply(supply);
         }
         Device::reset(&mut self.exti);
+        self.otg.restart();
         for port in 0..PORTS.len() {
             for number in 0..16 {
                 let level = self.held[port][number];
@@ -380,9 +402,15 @@ impl Mcu for Chip {
 
     fn poll(&mut self, now: VirtualNanos) {
         self.models.poll(now);
+        self.follow_clocks();
+        let (_, mut context) = self.models.bus_mut().drive(now, self.slots.otg);
+        self.otg.visit(&mut context);
     }
 
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
+        if slot == self.slots.clocks || slot == self.slots.otg {
+            self.follow_clocks();
+        }
         let Some(model) = self.replaced.get(slot).copied().flatten() else {
             return self.models.split(slot);
         };
@@ -400,6 +428,7 @@ impl Mcu for Chip {
                 self.capture.follow(self.crystal_hz, clocks);
                 &mut self.capture
             }
+            Model::Otg => &mut self.otg,
             Model::SmallTimer(nth) => self.timers.model(nth),
         };
         (bus, Some(model))

@@ -4,7 +4,13 @@ use std::{collections::BTreeMap, fs, path::Path};
 
 use board_data::{Board, Pin, Pull, PwmOutput, SerialPins, Wiring};
 
-use crate::{bench::Bench, bootloader::MOST_INTERRUPTS, machine::Machine};
+use crate::{
+    bench::{Bench, Link},
+    bootloader::MOST_INTERRUPTS,
+    machine::Machine,
+};
+
+pub(crate) mod usb;
 
 /// Registers: RM0090 2.3, 3.9, 7.3, 8.4, 17.4, 18.4, 21.4 and 30.6.
 const FLASH_ACR: u64 = 0x4002_3C00;
@@ -112,8 +118,12 @@ pub(crate) fn faults(bench: &Bench, machine: &mut Machine, words: &[u32]) -> Vec
     if pending != 0 {
         faults.push(format!("EXTI_PR is {pending:#x}: a flag is not cleared"));
     }
+    match bench.link() {
+        Link::Uart => faults.extend(baud_fault(wiring, machine)),
+        Link::Usb => faults.extend(usb::faults(&mut machine.chip)),
+    }
     faults.extend(lines(wiring, machine));
-    faults.extend(pins(wiring, machine));
+    faults.extend(pins(&expected(bench.link(), wiring), machine));
     faults.extend(processor(bench, words));
     faults
 }
@@ -148,19 +158,6 @@ fn clocks(board: &Board, wiring: &Wiring, machine: &mut Machine) -> Vec<String> 
             "FLASH_ACR has {wait_states} wait states instead of {expected}"
         ));
     }
-    let usart = wiring.serial.usart;
-    let (base, bus_mhz) = match usart {
-        1 => (0x4001_1000, apb2),
-        6 => (0x4001_1400, apb2),
-        2 => (0x4000_4400, apb1),
-        _ => (0x4000_4800, apb1),
-    };
-    let baud = bus_mhz * 1e6 / machine.chip.word(base + BRR).max(1) as f64;
-    if (baud / BAUD - 1.0).abs() > TOLERANCE {
-        faults.push(format!(
-            "USART{usart}_BRR makes {baud:.0} baud instead of {BAUD}"
-        ));
-    }
     let prescaler = f64::from(4_u32 << (machine.chip.word(IWDG_PR) & 7));
     let ms = prescaler * (machine.chip.word(IWDG_RLR) + 1) as f64 / LSI_KHZ;
     if !WATCHDOG_MS.contains(&ms) {
@@ -179,6 +176,21 @@ fn clocks(board: &Board, wiring: &Wiring, machine: &mut Machine) -> Vec<String> 
         }));
     }
     faults
+}
+
+/// The baud rate of the sender's serial port.
+fn baud_fault(wiring: &Wiring, machine: &mut Machine) -> Option<String> {
+    let usart = wiring.serial.usart;
+    let [_, apb1, apb2] = machine.chip.frequencies();
+    let (base, bus_hz) = match usart {
+        1 => (0x4001_1000, apb2),
+        6 => (0x4001_1400, apb2),
+        2 => (0x4000_4400, apb1),
+        _ => (0x4000_4800, apb1),
+    };
+    let baud = bus_hz as f64 / machine.chip.word(base + BRR).max(1) as f64;
+    let is_wrong = (baud / BAUD - 1.0).abs() > TOLERANCE;
+    is_wrong.then(|| format!("USART{usart}_BRR makes {baud:.0} baud instead of {BAUD}"))
 }
 
 /// The PWM runs with its frequency, and is off.
@@ -246,8 +258,8 @@ fn lines(wiring: &Wiring, machine: &mut Machine) -> Vec<String> {
     faults
 }
 
-/// The pins of the board's file, each with its function and the expected mode.
-fn expected(wiring: &Wiring) -> BTreeMap<Pin, (String, Mode)> {
+/// The pins of the board's file that are in use, each with its function and the expected mode.
+fn expected(link: Link, wiring: &Wiring) -> BTreeMap<Pin, (String, Mode)> {
     let mut all: BTreeMap<Pin, (String, Mode)> = BTreeMap::new();
     let outputs = outputs(wiring).into_iter();
     all.extend(outputs.map(|(pin, name, is_high)| (pin, (name.to_owned(), Mode::output(is_high)))));
@@ -272,12 +284,14 @@ fn expected(wiring: &Wiring) -> BTreeMap<Pin, (String, Mode)> {
         all.insert(eeprom.data, ("the EEPROM's data".into(), wire));
     }
     // Alternate functions: data sheets.
-    let serial = Mode::function(if wiring.serial.usart == 6 { 8 } else { 7 });
-    let SerialPins {
-        transmit, receive, ..
-    } = wiring.serial;
-    all.insert(transmit, ("the sender's output".into(), serial));
-    all.insert(receive, ("the sender's input".into(), serial));
+    if link == Link::Uart {
+        let serial = Mode::function(if wiring.serial.usart == 6 { 8 } else { 7 });
+        let SerialPins {
+            transmit, receive, ..
+        } = wiring.serial;
+        all.insert(transmit, ("the sender's output".into(), serial));
+        all.insert(receive, ("the sender's input".into(), serial));
+    }
     if let Some((pin, pwm)) = wiring.pwm {
         let function = match pwm.timer {
             1 | 2 => 1,
@@ -312,10 +326,9 @@ fn outputs(wiring: &Wiring) -> Vec<(Pin, &'static str, bool)> {
         .collect()
 }
 
-fn pins(wiring: &Wiring, machine: &mut Machine) -> Vec<String> {
+fn pins(expected: &BTreeMap<Pin, (String, Mode)>, machine: &mut Machine) -> Vec<String> {
     let mut faults = Vec::new();
-    let expected = expected(wiring);
-    for (&pin, (name, mode)) in &expected {
+    for (&pin, (name, mode)) in expected {
         let number = u64::from(pin.number);
         let port = GPIO + 0x400 * u64::from(pin.port);
         let mut bits = |register: u64, width: u64| {

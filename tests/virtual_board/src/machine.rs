@@ -1,9 +1,10 @@
-//! A board as `rigless` runs it: the chip, and the sender's serial line.
+//! A board as `rigless` runs it: the chip, and what leads to the sender.
 
 use std::num::{NonZeroU32, NonZeroU64};
 
 use anyhow::{Context, Result};
 use board_data::{Board, Wiring};
+use otg::System;
 use rigless::{
     chip::uart::Peer,
     cpu,
@@ -15,9 +16,12 @@ use rigless::{
     time::VirtualNanos,
 };
 
-use crate::chip::{Chip, FittedParts};
+use crate::{
+    bench::Link,
+    chip::{Chip, FittedParts},
+};
 
-/// The names of the serial line and of the chip.
+/// The names of what leads to the sender, and of the chip.
 pub(crate) const WIRE: &str = "sender";
 const CHIP: &str = "chip";
 /// Bits of a priority: PM0214 4.3.
@@ -29,8 +33,8 @@ pub(crate) const SUPPLY_MV: u32 = 3300;
 #[derive(Debug)]
 pub(crate) struct Machine {
     pub(crate) chip: Chip,
-    /// Which of the chip's serial ports is the sender's.
-    port: usize,
+    /// Which of the chip's serial ports is the sender's; with none, its USB is.
+    port: Option<usize>,
     core_hz: NonZeroU64,
     regions: armv7m::MpuRegions,
 }
@@ -40,17 +44,21 @@ impl Machine {
     pub(crate) fn new(
         board: &Board,
         wiring: &Wiring,
+        link: Link,
         fitted: FittedParts,
         is_protected: bool,
     ) -> Result<Self> {
         let name = format!("USART{}", wiring.serial.usart);
         let port = { SERIAL_PORTS.iter() }.position(|port| port.instance == name);
         let port = port.with_context(|| format!("the model has no {name}"))?;
+        let port = (link == Link::Uart).then_some(port);
         let core_hz = u64::from(board.chip.clocks.core_mhz) * 1_000_000;
         let mut chip = Chip::new(board, fitted)?;
         chip.models.set_supply(SUPPLY_MV);
-        // A line at rest is high: the model of the port takes words, and no levels.
-        chip.hold(VirtualNanos(0), wiring.serial.receive, Some(Level::High));
+        if port.is_some() {
+            // A line at rest is high: the model of the port takes words, and no levels.
+            chip.hold(VirtualNanos(0), wiring.serial.receive, Some(Level::High));
+        }
         Ok(Self {
             chip,
             port,
@@ -63,9 +71,12 @@ impl Machine {
         })
     }
 
-    /// What is at the other end of the serial line.
+    /// What is at the sender's end.
     pub(crate) fn peer_mut<P: Peer>(&mut self) -> Option<&mut P> {
-        self.chip.models.usart[self.port].chip_mut()
+        match self.port {
+            Some(port) => self.chip.models.usart[port].chip_mut(),
+            None => self.chip.otg.program_as(),
+        }
     }
 }
 
@@ -113,14 +124,19 @@ impl RiglessBoard for Machine {
 
     fn attach_host(&mut self, name: &str, peer: Box<dyn Peer>) -> bool {
         let is_known = name == WIRE;
-        if is_known {
-            self.chip.models.usart[self.port].attach_boxed(peer);
+        match self.port {
+            Some(port) if is_known => self.chip.models.usart[port].attach_boxed(peer),
+            None if is_known => self.chip.otg.plug(System::Linux, peer),
+            _ => {}
         }
         is_known
     }
 
     fn host_mut(&mut self, name: &str) -> Option<&mut dyn Peer> {
-        let port = &mut self.chip.models.usart[self.port];
-        (name == WIRE).then(|| port.peer_mut()).flatten()
+        match self.port {
+            _ if name != WIRE => None,
+            Some(port) => self.chip.models.usart[port].peer_mut(),
+            None => self.chip.otg.program_mut(),
+        }
     }
 }

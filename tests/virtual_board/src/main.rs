@@ -17,6 +17,7 @@ mod run;
 mod script;
 mod sender;
 mod unmodelled;
+mod usb_host;
 mod watch;
 
 use std::{

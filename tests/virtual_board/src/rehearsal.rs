@@ -10,9 +10,10 @@ use board_data::Input;
 use rigless::image::Image;
 
 mod states;
+mod usb;
 
 use crate::{
-    bench::Bench,
+    bench::{Bench, Link},
     bootloader::State,
     chip::{FittedParts, memory},
     plant::{Closes, name_of_axis},
@@ -111,6 +112,8 @@ const BEYOND_MM: f64 = 1.0;
 const PLATE_MM: f64 = 10.0;
 /// Longer than a record takes in an EEPROM, ms: 5 ms for each page, with six axes too.
 const STORING_MS: u64 = 400;
+/// More time than the firmware takes for a line from a reset on, ms.
+const SILENCE_MS: u64 = 100;
 /// Ctrl-X.
 const RESET: &[u8] = &[0x18];
 /// What a machine that moves nothing must not do.
@@ -188,13 +191,13 @@ pub(crate) fn play(
 
 fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
     let wiring = bench.wiring()?;
-    let has = |input| wiring.inputs.iter().any(|(it, _)| *it == input);
+    let has_limit = wiring.inputs.iter().any(|it| it.0 == Input::Limit(0));
     let right = PowerUp::of(&bench.board);
     let mut script = vec![
         Act::Part("as flashed"),
         Act::Case("a new board".into(), right),
     ];
-    script.extend(everyday(bench.axes, has(Input::Limit(0))));
+    script.extend(everyday(bench, has_limit));
     for (name, pin) in [
         ("spindle", wiring.spindle),
         ("flood", wiring.flood),
@@ -212,6 +215,7 @@ fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
         script.push(Act::Want(Wanted::Erased(2)));
     }
     script.extend(states::script(wiring, right));
+    script.extend(usb::script(bench.link(), right, is_short));
     script.push(Act::Part("states of bootloaders"));
     for (number, (name, _)) in STATES.into_iter().enumerate() {
         if number == 0 || !is_short {
@@ -238,12 +242,7 @@ fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
         script.extend(start(bench.axes));
         script.push(Act::Refused("$120=300"));
     }
-    let has_spindle = wiring.spindle.is_some();
-    script.extend(faults_in_motion(
-        right,
-        wiring.eeprom.is_some(),
-        has_spindle,
-    ));
+    script.extend(faults_in_motion(bench, right)?);
     Ok(script)
 }
 
@@ -263,9 +262,13 @@ fn start(axes: usize) -> Vec<Act> {
 }
 
 /// What a machine does every day: moves, settings that resets keep, outputs, a hold, a reset in motion, a limit switch.
-fn everyday(axes: usize, has_limit: bool) -> Vec<Act> {
-    let mut script = start(axes);
-    script.extend(settings_and_resets());
+fn everyday(bench: &Bench, has_limit: bool) -> Vec<Act> {
+    let mut script = start(bench.axes);
+    script.extend(settings());
+    // At USB, nobody listens yet when the startup line is executed.
+    let has_uart = bench.link() == Link::Uart;
+    script.extend(has_uart.then_some(Act::Await(">G20:ok")));
+    script.extend(resets(usize::from(has_uart)));
     script.extend(motions());
     if has_limit {
         script.extend([
@@ -293,9 +296,12 @@ fn everyday(axes: usize, has_limit: bool) -> Vec<Act> {
     script
 }
 
-/// Stored values outlive a reset of Grbl and a reset of the chip, which forgets the position; then all are restored.
-fn settings_and_resets() -> Vec<Act> {
-    let want_lines = |beginning: &str, times| Act::Want(Wanted::Lines(beginning.into(), times));
+fn want_lines(beginning: &str, times: usize) -> Act {
+    Act::Want(Wanted::Lines(beginning.into(), times))
+}
+
+/// Stored values outlive a reset of Grbl and a reset of the chip, which forgets the position.
+fn settings() -> Vec<Act> {
     vec![
         Act::line("$I"),
         want_lines("[VER:1.1h", 1),
@@ -312,7 +318,15 @@ fn settings_and_resets() -> Vec<Act> {
         Act::line("$I=shop 7"),
         Act::Reset,
         Act::Await("Grbl "),
-        Act::Await(">G20:ok"),
+    ]
+}
+
+/// What outlives a reset of the chip; then all are restored. A new board has listed its settings, which has been
+/// heard so many times.
+fn resets(times_listed: usize) -> Vec<Act> {
+    vec![
+        Act::line("$G"),
+        Act::Want(Wanted::OneOf(&["[GC:G0 G54 G17 G20 "])),
         Act::line("$$"),
         want_lines("$120=200.000", 2),
         Act::line("$I"),
@@ -325,8 +339,7 @@ fn settings_and_resets() -> Vec<Act> {
         Act::Reset,
         Act::Await("Grbl "),
         Act::line("$$"),
-        // A new board has listed its settings as well.
-        want_lines("$120=10.000", 2),
+        want_lines("$120=10.000", 1 + times_listed),
         Act::line("$#"),
         want_lines("[G54:0.000,", 1),
         Act::State("Idle"),
@@ -361,6 +374,14 @@ fn motions() -> Vec<Act> {
     ]
 }
 
+/// What a firmware says that does not start. At USB, nobody hears it: the core has no clock, or no task serves it.
+fn message(bench: &Bench, line: &'static str) -> Act {
+    match bench.link() {
+        Link::Uart => Act::Await(line),
+        Link::Usb => Act::Pause(SILENCE_MS),
+    }
+}
+
 /// No crystal and another one.
 fn wrong_crystals(bench: &Bench, right: PowerUp) -> Vec<Act> {
     let own_mhz = bench.board.crystal_mhz;
@@ -381,9 +402,9 @@ fn wrong_crystals(bench: &Bench, right: PowerUp) -> Vec<Act> {
         };
         script.extend([
             Act::Case(name.into(), PowerUp { fitted, ..right }),
-            Act::Await("ALARM:16"),
-            Act::Await(reason),
-            Act::Await("Grbl "),
+            message(bench, "ALARM:16"),
+            message(bench, reason),
+            message(bench, "Grbl "),
             Act::Bytes(MOVE_ALL_THE_SAME),
             Act::Pause(100),
             Act::Want(Wanted::CoreMhz(HSI_MHZ)),
@@ -411,8 +432,8 @@ fn wrong_chips(bench: &Bench, right: PowerUp, is_short: bool) -> Vec<Act> {
     }
     let refused = |reason| {
         [
-            Act::Await("ALARM:16"),
-            Act::Await(reason),
+            message(bench, "ALARM:16"),
+            message(bench, reason),
             Act::Bytes(MOVE_ALL_THE_SAME),
             Act::Pause(50),
             Act::Want(Wanted::No("Grbl ")),
@@ -478,33 +499,21 @@ fn power_cuts(right: PowerUp, is_short: bool) -> Vec<Act> {
 }
 
 /// The core hangs, the crystal stops, the supply falls, each while X moves.
-fn faults_in_motion(right: PowerUp, has_eeprom: bool, has_spindle: bool) -> Vec<Act> {
-    // With a supply that stays low, no flash is written.
-    let stored = if has_eeprom { "ok" } else { "error:" };
+fn faults_in_motion(bench: &Bench, right: PowerUp) -> Result<Vec<Act>> {
+    let wiring = bench.wiring()?;
     let mut script = vec![Act::Part("faults in motion")];
-    for (name, acts, causes) in [
-        (
-            "the core hangs",
-            vec![Act::Hang, Act::Await("ALARM:200")],
-            &["IWDG"],
-        ),
+    for (name, fault, then, causes) in [
+        ("the core hangs", Act::Hang, after_reset(), &["IWDG"]),
         (
             "the crystal stops",
-            vec![Act::StopCrystal, Act::Await("ALARM:200")],
+            Act::StopCrystal,
+            after_reset(),
             &["Core"],
         ),
         (
             "the supply falls",
-            vec![
-                Act::Supply(2600),
-                Act::Await("[MSG:Fault: supply too low"),
-                Act::Await("ALARM:16"),
-                Act::Await("Grbl "),
-                Act::Bytes(b"$120=300\n"),
-                Act::Await(stored),
-                Act::Supply(3300),
-                Act::Bytes(RESET),
-            ],
+            Act::Supply(2600),
+            after_low_supply(bench.link(), wiring.eeprom.is_some()),
             &["Core"],
         ),
     ] {
@@ -515,19 +524,44 @@ fn faults_in_motion(right: PowerUp, has_eeprom: bool, has_spindle: bool) -> Vec<
             Act::line("M3S1000"),
             Act::line("G1X100F600"),
             Act::Pause(300),
+            fault,
         ]);
-        script.extend(acts);
-        script.extend([
-            Act::Await("Grbl "),
-            Act::State("Alarm"),
-            Act::Want(Wanted::Resets(causes)),
-        ]);
+        script.extend(then);
+        script.push(Act::Want(Wanted::Resets(causes)));
         // What hangs switches nothing off: the reset does.
-        if *causes != ["IWDG"] && has_spindle {
+        if *causes != ["IWDG"] && wiring.spindle.is_some() {
             script.push(Act::Want(Wanted::Inactive("spindle")));
         }
     }
-    script
+    Ok(script)
+}
+
+/// A sender is welcomed, and hears why the machine is locked.
+fn after_reset() -> Vec<Act> {
+    vec![
+        Act::Await("Grbl "),
+        Act::State("Alarm"),
+        Act::Want(Wanted::Lines("ALARM:200".into(), 1)),
+    ]
+}
+
+/// With a supply that stays low, no flash is written, and USB has no clock.
+fn after_low_supply(link: Link, has_eeprom: bool) -> Vec<Act> {
+    if link == Link::Usb {
+        return vec![Act::Pause(SILENCE_MS)];
+    }
+    let stored = if has_eeprom { "ok" } else { "error:" };
+    vec![
+        Act::Await("[MSG:Fault: supply too low"),
+        Act::Await("ALARM:16"),
+        Act::Await("Grbl "),
+        Act::Bytes(b"$120=300\n"),
+        Act::Await(stored),
+        Act::Supply(3300),
+        Act::Bytes(RESET),
+        Act::Await("Grbl "),
+        Act::State("Alarm"),
+    ]
 }
 
 /// Whole programs, with the steps of the simulator.

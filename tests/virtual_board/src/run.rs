@@ -74,7 +74,7 @@ struct Marks {
     at_ns: u64,
 }
 
-/// The sender's end of the serial line.
+/// The sender's end of what leads to it.
 fn sender(session: &mut Session<Machine>) -> &mut Sender {
     let peer = session.board_mut().peer_mut();
     peer.expect("it has been attached")
@@ -198,10 +198,9 @@ impl Run {
         }
     }
 
-    /// Takes what has come from the firmware.
+    /// Takes what has come from the firmware, up to what is waited for.
     fn listen(&mut self, session: &mut Session<Machine>) {
-        let lines: Vec<_> = sender(session).lines.drain(..).collect();
-        for line in lines {
+        while let Some(line) = sender(session).lines.pop_front() {
             if line.starts_with("Grbl ") {
                 self.plant.is_greeted = true;
                 self.in_flight.clear();
@@ -238,6 +237,7 @@ impl Run {
             self.lines.push(line);
             if is_awaited {
                 self.current = None;
+                return;
             }
         }
     }
@@ -296,6 +296,7 @@ impl Run {
                 let words = Probe::Read(compare::ADDRESSES.to_vec());
                 self.probe = Some(debugger::probe(self.debugger, words));
             }
+            Act::Host(action) => chip.otg.act(*action),
             Act::Hang => host.hold(true),
             Act::Reset => session.reset_by_pin(now, 0, host),
             Act::CountStored => self.counted_from = Some(self.stored()),
@@ -583,6 +584,9 @@ impl Driver<Machine> for Run {
         host: &mut dyn Host,
     ) -> Option<VirtualNanos> {
         self.now = stop.at;
+        for fault in session.board_mut().chip.otg.take_faults() {
+            self.watch.fault(fault, None);
+        }
         self.listen(session);
         self.check(session, host);
         let is_late = self

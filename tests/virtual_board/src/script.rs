@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use board_data::{Board, Input};
 
-use crate::{chip::FittedParts, plant::Closes};
+use crate::{chip::FittedParts, plant::Closes, usb_host::HostAction};
 
 /// Something that is done or looked at. After a wait for something that does not come, the rest of the case is left
 /// out.
@@ -50,6 +50,8 @@ pub(crate) enum Act {
     CutAfter(Cut),
     /// The settings that were listed in this case are remembered.
     Remember,
+    /// Something is done at the host of a board with USB.
+    Host(HostAction),
     /// The registers are compared with the board's file.
     Compare,
     /// What must have come in this case.

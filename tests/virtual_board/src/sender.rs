@@ -1,4 +1,4 @@
-//! A sender in this program, at the firmware's serial line.
+//! A sender in this program, at the firmware's serial line or at the port of a USB host.
 
 use std::collections::VecDeque;
 
@@ -8,7 +8,7 @@ use rigless::{
     time::VirtualNanos,
 };
 
-/// The sender's end of the serial line.
+/// The sender's end of the line.
 #[derive(Debug, Default)]
 pub(crate) struct Sender {
     /// Bytes to the firmware.

@@ -1,16 +1,20 @@
-//! TIM11 as the firmware measures its crystal with it: it captures its count of the internal oscillator's periods at
-//! edges of the crystal, divided by `RTCPRE` and `IC1PSC`. RM0090 7.3.3 and 19.5, RM0383 14.5, RM0390 18.5.
+//! TIM11: the crate's model of a timer, and as the firmware measures its crystal with it: it captures its count of the
+//! internal oscillator's periods at edges of the crystal, divided by `RTCPRE` and `IC1PSC`. RM0090 7.3.3 and 19.5,
+//! RM0383 14.5, RM0390 18.5.
 
 use rigless::{
     device::{Device, DeviceContext, RegisterFile},
-    soc::stm32f427::{
-        generated::{
-            rcc as clock_registers,
-            tim11::{Register, ccer, cr1},
+    soc::{
+        st::tim::{Counter, Family, Kind, Part, Tim, Timer},
+        stm32f427::{
+            generated::{
+                rcc as clock_registers,
+                tim11::{Register, ccer, cr1},
+            },
+            peripherals::{rcc::HSI_HZ, tim::PART},
         },
-        peripherals::rcc::HSI_HZ,
     },
-    time::VirtualNanos,
+    time::{EventId, VirtualNanos},
 };
 
 /// `OR`: the input is the divided crystal.
@@ -20,8 +24,20 @@ const CAPTURED: u64 = 1 << 1;
 const OVERRUN: u64 = 1 << 9;
 const NANOSECONDS: u128 = 1_000_000_000;
 
-#[derive(Debug, Default)]
+/// TIM11 alone, which has `OR`.
+#[derive(Debug, Clone, Copy)]
+struct WithOption;
+
+impl Family for WithOption {
+    type Register = Register;
+    type Instance = Timer;
+    const PART: &'static Part = &PART;
+    const KINDS: &'static [Kind] = &[Kind::OneChannel];
+}
+
+#[derive(Debug)]
 pub(super) struct Capture {
+    timer: Tim<WithOption>,
     /// The crystal, Hz; 0 where it is off.
     crystal_hz: u64,
     /// `RTCPRE`.
@@ -31,6 +47,16 @@ pub(super) struct Capture {
 }
 
 impl Capture {
+    pub(super) fn new() -> Self {
+        let timer = Timer::new("TIM11", Counter::Narrow, Kind::OneChannel);
+        Self {
+            timer: Tim::with_clock(HSI_HZ, timer),
+            crystal_hz: 0,
+            divider: 0,
+            taken: 0,
+        }
+    }
+
     /// Takes over what the clock controller says.
     pub(super) fn follow(&mut self, crystal_hz: u64, clocks: &RegisterFile) {
         let is_ready =
@@ -71,20 +97,46 @@ impl Device for Capture {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) -> Option<u64> {
-        match register {
-            Register::Sr => {
-                self.update(context.now(), registers);
-                Some(registers.get(Register::Sr))
-            }
-            Register::Ccr1 => {
-                registers.set(Register::Sr, registers.get(Register::Sr) & !CAPTURED);
-                Some(registers.get(Register::Ccr1))
-            }
-            _ => None,
+        if register == Register::Sr {
+            self.update(context.now(), registers);
         }
+        Device::read(&mut self.timer, register, registers, context)
+    }
+
+    fn peek(&self, register: Register, registers: &RegisterFile, now: VirtualNanos) -> Option<u64> {
+        Device::peek(&self.timer, register, registers, now)
+    }
+
+    fn write(
+        &mut self,
+        register: Register,
+        value: u64,
+        registers: &mut RegisterFile,
+        context: &mut DeviceContext<'_>,
+    ) {
+        Device::write(&mut self.timer, register, value, registers, context);
+    }
+
+    fn on_event(
+        &mut self,
+        event: EventId,
+        registers: &mut RegisterFile,
+        context: &mut DeviceContext<'_>,
+    ) {
+        Device::on_event(&mut self.timer, event, registers, context);
+    }
+
+    fn on_clock(&mut self, hz: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        Device::on_clock(&mut self.timer, hz, registers, context);
     }
 
     fn reset(&mut self) {
-        *self = Self::default();
+        Device::reset(&mut self.timer);
+        self.taken = 0;
+    }
+
+    fn reset_line(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        Device::reset_line(&mut self.timer, registers, context);
+        self.taken = 0;
     }
 }

@@ -6,6 +6,8 @@ use rigless::emulator::{Error as EmulatorError, Memory};
 
 use super::*;
 
+mod usb;
+
 const RCC_CR: u64 = 0x4002_3800;
 const RCC_CFGR: u64 = 0x4002_3808;
 const RCC_APB1ENR: u64 = 0x4002_3840;
@@ -45,6 +47,7 @@ struct Rig {
     chip: Chip,
     memory: Words,
     now: u64,
+    crystal_mhz: u32,
 }
 
 impl Rig {
@@ -57,6 +60,7 @@ impl Rig {
             chip,
             memory: Words::default(),
             now: 0,
+            crystal_mhz: board.crystal_mhz,
         }
     }
 
@@ -147,6 +151,31 @@ fn the_ninth_timer_counts_and_needs_its_enable() {
     assert_eq!(rig.raised(), [24]);
     rig.write(TIM9 + 0x10, 0);
     assert_eq!(rig.read(TIM9 + 0x10) & 1, 0);
+}
+
+/// RM0090 19.5: `UIF` is set each period, interrupts as 26 if `UIE` says so, and is cleared by a zero; as TIM10 is run.
+#[test]
+fn the_eleventh_timer_interrupts_each_period_until_its_flag_is_cleared() {
+    let mut rig = Rig::new("btt-skr-2");
+    rig.write(RCC_APB2ENR, 1 << 18);
+    // 500 µs of 16 MHz.
+    rig.write(TIM11 + 0x28, 15);
+    rig.write(TIM11 + 0x2C, 499);
+    rig.write(TIM11 + 0x14, 1);
+    rig.write(TIM11 + 0x10, 0);
+    rig.write(TIM11, 1);
+    rig.wait(400_000);
+    assert_eq!((rig.raised(), rig.read(TIM11 + 0x10) & 1), (vec![], 0));
+    for interrupt in [vec![], vec![26]] {
+        rig.write(TIM11 + 0x0C, interrupt.len() as u64);
+        for _ in 0..3 {
+            rig.wait(500_000);
+            assert_eq!(rig.raised(), interrupt);
+            assert_eq!(rig.read(TIM11 + 0x10) & 1, 1);
+            rig.write(TIM11 + 0x10, 0);
+            assert_eq!(rig.read(TIM11 + 0x10) & 1, 0);
+        }
+    }
 }
 
 #[test]

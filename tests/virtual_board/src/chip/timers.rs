@@ -35,7 +35,7 @@ impl Family for OneChannel {
 /// The timers with the clocks that they count, outputs of the clock controller, in the order of [`SmallTimers::model`].
 ///
 /// They count the clock of their bus whether it is enabled for them or not: the crate drives no clock through their
-/// enables. Without it, no register of theirs can be reached. TIM11 has a model of its own.
+/// enables. Without it, no register of theirs can be reached. TIM11 has a model that captures, too.
 pub(super) const CLOCKS: [(&str, usize); 6] = [
     ("TIM9", rcc::APB2_TIMERS),
     ("TIM10", rcc::APB2_TIMERS),
