@@ -220,7 +220,7 @@ impl<'a> Driver<'a> {
         self.posted = Some(event);
     }
 
-    /// Moves packets. Returns true.
+    /// Moves packets, those of endpoint 0 alone where there is an answer. Returns true.
     fn work(
         &mut self,
         otg: &mut impl Registers,
@@ -228,43 +228,61 @@ impl<'a> Driver<'a> {
         platform: &mut impl Platform,
     ) -> Result<bool, Stuck> {
         let had_setup = self.has_setup;
-        self.receive(otg, line, platform);
-        if had_setup && self.has_setup {
-            // The later cores may send no end of it.
-            self.post_setup(otg);
-        }
-        let is_control_free = self.control_withdrawal.advance(otg, 0)?;
-        let is_data_free = self.data_withdrawal.advance(otg, DATA_ENDPOINT)?;
-        // A SETUP voids the answer to what came before.
-        if is_control_free && !self.has_setup {
-            self.answer(otg, line, platform);
-            if self.posted.is_none() {
-                self.post_control(otg);
+        if self.posted.is_some() && self.mailbox.answer().is_some() {
+            self.receive_control(otg);
+            // A SETUP that has come just now has no answer yet.
+            if self.is_control_free(otg, had_setup)?
+                && let Some(answer) = self.mailbox.answer()
+            {
+                self.answer(answer, otg, line, platform);
             }
+            return Ok(true);
         }
-        if is_data_free && self.is_configured {
+        if next_entry(otg).is_some_and(is_data) {
+            self.receive_data(otg, line, platform);
+        } else {
+            self.receive_control(otg);
+        }
+        if self.is_control_free(otg, had_setup)? && self.posted.is_none() {
+            self.post_control(otg);
+        }
+        if self.data_withdrawal.advance(otg, DATA_ENDPOINT)? && self.is_configured {
             self.send(otg, line, platform);
         }
         Ok(true)
     }
 
-    /// Takes entries of the receive FIFO: a packet of data with its end, or others before such a packet.
-    fn receive(
+    /// Returns whether endpoint 0 may have an answer: a SETUP voids that to what came before.
+    fn is_control_free(
+        &mut self,
+        otg: &mut impl Registers,
+        had_setup: bool,
+    ) -> Result<bool, Stuck> {
+        if had_setup && self.has_setup {
+            // The later cores may send no end of it.
+            self.post_setup(otg);
+        }
+        Ok(self.control_withdrawal.advance(otg, 0)? && !self.has_setup)
+    }
+
+    /// Takes a packet of data and its end out of the receive FIFO.
+    fn receive_data(
         &mut self,
         otg: &mut impl Registers,
         line: &mut SenderQueues<'_, '_, '_>,
         platform: &mut impl Platform,
     ) {
-        if next_entry(otg).is_some_and(is_data) {
-            let length = packet_bytes(otg.read(GRXSTSP));
-            self.is_closed = false;
-            let (requests, received) = (line.requests, &mut *line.received);
-            self.packet.fill(length, otg, requests, received, platform);
-            if next_entry(otg).is_some_and(is_end_of_data) {
-                otg.read(GRXSTSP);
-            }
-            return;
+        let length = packet_bytes(otg.read(GRXSTSP));
+        self.is_closed = false;
+        let (requests, received) = (line.requests, &mut *line.received);
+        self.packet.fill(length, otg, requests, received, platform);
+        if next_entry(otg).is_some_and(is_end_of_data) {
+            otg.read(GRXSTSP);
         }
+    }
+
+    /// Takes what comes before a packet of data.
+    fn receive_control(&mut self, otg: &mut impl Registers) {
         // wcet-bound: MOST_ENTRIES: each run takes an entry
         for _ in 0..MOST_ENTRIES {
             if next_entry(otg).is_none_or(is_data) {
@@ -323,17 +341,12 @@ impl<'a> Driver<'a> {
     /// Does what the answer of `usb_control` says.
     fn answer(
         &mut self,
+        answer: Answer,
         otg: &mut impl Registers,
         line: &mut SenderQueues<'_, '_, '_>,
         platform: &mut impl Platform,
     ) {
-        let Some(event) = self.posted else {
-            return;
-        };
-        let Some(answer) = self.mailbox.answer() else {
-            return;
-        };
-        self.posted = None;
+        let event = self.posted.take();
         let configuration = otg.read(DCFG) & !DAD;
         otg.write(DCFG, configuration | answer.address() << 4);
         self.configure(otg, answer);
@@ -350,7 +363,7 @@ impl<'a> Driver<'a> {
                 otg.write(fifo(0), word);
             }
         }
-        if event != ControlEvent::Reset {
+        if event != Some(ControlEvent::Reset) {
             endpoints::arm_control(otg);
         }
     }
