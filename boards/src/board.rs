@@ -182,6 +182,16 @@ impl Board {
         self.variants[0].wiring.has_usb
     }
 
+    /// Returns where the sender is: `USB`, or `UART1`.
+    pub fn sender(&self) -> String {
+        let wiring = &self.variants[0].wiring;
+        if wiring.has_usb {
+            "USB".into()
+        } else {
+            format!("UART{}", wiring.serial.usart)
+        }
+    }
+
     /// Returns the features of the firmware that the board needs with a number of axes, or with the nearest number
     /// that it has pins for: those of its chip, its clock, its motors and its settings.
     pub fn features(&self, axes: usize) -> Vec<String> {

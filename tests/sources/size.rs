@@ -5,7 +5,7 @@ use super::sources;
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_230),
-    ("proof", 30_480),
+    ("proof", 30_500),
     ("src", 39_000),
     ("tests", 47_850),
     ("xtask", 23_650),

@@ -157,6 +157,22 @@ fn a_job_over_usb_makes_the_steps_that_it_makes_without() {
 }
 
 #[test]
+fn short_lines_run_as_fast_as_the_motion() {
+    let (mut core, mut machine) = UsbMachine::new(silicons()[0], &FAST);
+    let line = |number: u32| format!("G1X{:.4}Y0.000F3000\n", f64::from(number) * 0.05);
+    let job: String = (1..=2500).map(line).collect();
+    let start = machine.simulator.now();
+    machine.send(&mut core, job.as_bytes());
+    while machine.simulator.due().is_some() || machine.state() != State::Idle {
+        machine.run(&mut core, 10);
+    }
+    let ms = (machine.simulator.now() - start) / u64::from(TICKS_PER_MS);
+    // 125 mm at 50 mm/s, and the ramps; at 115 200 baud the bytes alone take longer.
+    assert!((2500..2700).contains(&ms), "{ms}");
+    assert!(job.len() * 10 * 1000 / 115_200 > 4300);
+}
+
+#[test]
 fn a_question_behind_a_burst_is_answered_and_a_hold_is_made_in_time() {
     let (mut core, mut machine) = UsbMachine::new(silicons()[0], &FAST);
     machine.send(&mut core, b"G1X500F3000\n");

@@ -218,7 +218,7 @@ impl Registers<'_> {
             .map(|(at, _)| *at)
             .collect();
         let flaws = accesses.into_iter().map(|at| {
-            let what = "an access to an alias of a bit, to USB or to external memory: the model has no time for it";
+            let what = "an access to an alias of a bit, to the high-speed core of USB or to external memory: the model has no time for it";
             let remedy = "Read and write the whole word at its own address, or use a register that sets bits.";
             self.system.flaw(Rule::UncostedAccess, at, what, remedy)
         });

@@ -136,8 +136,9 @@ fn prove(board: &Board) -> Result<Vec<u32>> {
         let rate = String::from_utf8_lossy(&output.stdout);
         if output.status.success() {
             println!(
-                "  {axes} axes: {} steps/s proven at 115 200 baud",
-                rate.trim()
+                "  {axes} axes: {} steps/s proven over {}",
+                rate.trim(),
+                board.sender()
             );
             rates.push(rate.trim().parse().context("the proof gives no rate")?);
         } else if output.status.code() == Some(1) {

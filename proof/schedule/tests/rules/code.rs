@@ -466,8 +466,8 @@ const HIDDEN_DELAYS: [Wrong; 14] = [
     ),
     (
         "asks_usb",
-        "// SAFETY: a register of USB.
-            device::write_pins(unsafe { (0x5000_0000 as *const u32).read_volatile() });",
+        "// SAFETY: a register of the high-speed core.
+            device::write_pins(unsafe { (0x4004_0000 as *const u32).read_volatile() });",
         Rule::UncostedAccess,
         "USB",
     ),

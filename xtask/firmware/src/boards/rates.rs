@@ -11,8 +11,8 @@ use super::Board;
 const FILE: &str = "docs/rates.toml";
 /// What it begins with.
 const HEAD: &str = "\
-# Step rates of all axes together, steps/s, at which every deadline is met at 115 200 baud: with three axes and more;
-# 0 where none is proven. Written by `cargo xtask board check --all --prove --write`.
+# Step rates of all axes together, steps/s, at which every deadline is met, over USB or at 115 200 baud: with three axes
+# and more; 0 where none is proven. Written by `cargo xtask board check --all --prove --write`.
 ";
 
 /// Rates by the name of the board: with three axes, four and so on.

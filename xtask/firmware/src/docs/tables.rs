@@ -48,12 +48,16 @@ fn replaced(document: &str, name: &str, table: &str) -> Option<String> {
 
 /// The boards, with what a user wants to know of each.
 fn notes(boards: &[Board]) -> Result<String> {
-    let mut text = String::from("| board | `--board` | notes |\n|---|---|---|\n");
+    let mut text =
+        String::from("| board | `--board` | the sender at | notes |\n|---|---|---|---|\n");
     for board in boards {
         writeln!(
             text,
-            "| {} | `{}` | {} |",
-            board.title, board.name, board.about
+            "| {} | `{}` | {} | {} |",
+            board.title,
+            board.name,
+            board.sender(),
+            board.about
         )?;
     }
     Ok(text)

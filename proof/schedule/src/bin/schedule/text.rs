@@ -27,9 +27,10 @@ pub(super) fn shown_us(us: f64) -> String {
 }
 
 /// What is promised, and by which row.
-const PROMISES: [(&str, &str); 7] = [
+const PROMISES: [(&str, &str); 8] = [
     ("No step comes late", "step"),
     ("No received byte is lost", "serial_rx"),
+    ("Each packet of the host is taken in time", "usb"),
     ("The laser and the position follow", "segment_start"),
     ("A limit switch, the probe or a button is read", "inputs"),
     ("The motion does not run out of steps", "prepare: segment"),
