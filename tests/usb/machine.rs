@@ -2,7 +2,7 @@
 
 use leadscrew::{
     model::{State, queues::RECEIVED_RING},
-    settings::{Settings, assign},
+    settings::{Settings, StepRate, assign},
     sim::{Edge, Simulator},
     units::TICKS_PER_MS,
     usb::{Driver, UsbControl},
@@ -101,8 +101,11 @@ impl UsbMachine {
     }
 }
 
+/// What is proven of chips at 168 MHz.
+const PROVEN_RATE_HZ: u32 = 190_000;
+
 fn assigned(assignments: &[&str]) -> Settings {
-    let mut settings = Settings::default();
+    let mut settings = Settings::new(StepRate::Proven(PROVEN_RATE_HZ));
     for assignment in assignments {
         assign(&mut settings, assignment.as_bytes()).expect("the test assigns what there is");
     }
@@ -174,8 +177,12 @@ fn short_lines_run_as_fast_as_the_motion() {
 
 #[test]
 fn a_question_behind_a_burst_is_answered_and_a_hold_is_made_in_time() {
-    let (mut core, mut machine) = UsbMachine::new(silicons()[0], &FAST);
-    machine.send(&mut core, b"G1X500F3000\n");
+    // The proven rate: 2000 steps/mm of two axes at 2850 mm/min each.
+    let rate = [
+        "0=3", "110=2850", "100=2000", "120=500", "111=2850", "101=2000", "121=500",
+    ];
+    let (mut core, mut machine) = UsbMachine::new(silicons()[0], &rate);
+    machine.send(&mut core, b"G1X500Y500F4030\n");
     machine.run(&mut core, 200);
     machine.text.clear();
     // 2.4 periods: the next one takes the byte, the next sends the report, and the host fetches it.
