@@ -91,8 +91,13 @@ pub(super) fn stop_machine(cause: ResetCause) {
     cortex_m::interrupt::disable();
     outputs::switch_off();
     let [_, _, faults] = read_record();
+    record(cause, faults.wrapping_add(1));
+}
+
+/// Keeps the cause of a reset for the time after it.
+fn record(cause: ResetCause, faults: u32) {
     let word = MAGIC | cause as u32;
-    write_record([word, !word, faults.wrapping_add(1)]);
+    write_record([word, !word, faults]);
 }
 
 /// Stops the machine, tells the sender, and resets the chip.
@@ -105,8 +110,9 @@ pub(super) fn stop(cause: ResetCause) -> ! {
     SCB::sys_reset()
 }
 
-/// Says again and again what keeps the firmware from starting, as alarm 16. Its USART must be set up.
-pub(super) fn refuse(words: &[&str]) -> ! {
+/// Says again and again what keeps the firmware from starting, as alarm 16. Its USART must be set up. What may end by
+/// itself is tried again, with the cause of the last reset, which is not lost meanwhile.
+pub(super) fn refuse(words: &[&str], cause: Option<ResetCause>) -> ! {
     /// A second at the frequency of the internal oscillator, a tenth of it at full speed.
     const PAUSE_CYCLES: u32 = 16_000_000;
     FaultPort::open();
@@ -118,8 +124,9 @@ pub(super) fn refuse(words: &[&str]) -> ! {
         }
         let _ = FaultPort.write_str("]\r\n");
         watchdog::pause(PAUSE_CYCLES);
-        if cfg!(feature = "usb") {
-            // Nobody hears it who has no adapter at the USART: what can end by itself shall.
+        if let Some(cause) = cause {
+            let [_, _, faults] = read_record();
+            record(cause, faults);
             SCB::sys_reset();
         }
     }

@@ -2,7 +2,7 @@
 
 use cortex_m::Peripherals as Core;
 #[cfg(feature = "usb")]
-use leadscrew::model::SelfTestFault;
+use leadscrew::model::{ResetCause, SelfTestFault};
 use leadscrew::{
     model::{Alarm, HAS_REPRAP},
     protocol::Session,
@@ -89,11 +89,11 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     #[cfg_attr(feature = "usb", expect(unused, reason = "it is for faults"))]
     let usart = start_serial(chosen::sender!(device), &rcc);
     if !image_check::is_whole() {
-        fault::refuse(&["Firmware in flash is damaged: write it again"]);
+        fault::refuse(&["Firmware in flash is damaged: write it again"], None);
     }
     #[cfg(feature = "usb")]
     if let Some(fault) = fault {
-        refuse_without_usb(fault);
+        refuse_without_usb(fault, cause);
     }
     let actuators = Actuators::new(device.TIM9);
     motion_clock::start(&device.TIM5);
@@ -133,18 +133,20 @@ fn is_right_chip(debug: &pac::DBGMCU) -> bool {
 #[cold]
 fn refuse_chip(usart: Usart, rcc: &Rcc) -> ! {
     let _usart = start_serial(usart, rcc);
-    fault::refuse(&["Firmware is for another chip, the STM32", WIRING.chip])
+    let words = ["Firmware is for another chip, the STM32", WIRING.chip];
+    fault::refuse(&words, None)
 }
 
 /// Says why the clock of USB does not run, where nothing else could be said to anybody.
 #[cold]
 #[cfg(feature = "usb")]
-fn refuse_without_usb(fault: SelfTestFault) -> ! {
-    fault::refuse(match fault {
-        SelfTestFault::NoCrystal => &["Crystal does not run"],
-        SelfTestFault::OtherCrystal { .. } => &["Crystal of another frequency"],
-        SelfTestFault::LowSupply => &["Supply too low"],
-    })
+fn refuse_without_usb(fault: SelfTestFault, cause: ResetCause) -> ! {
+    let words = match fault {
+        SelfTestFault::NoCrystal => "Crystal does not run",
+        SelfTestFault::OtherCrystal { .. } => "Crystal of another frequency",
+        SelfTestFault::LowSupply => "Supply too low",
+    };
+    fault::refuse(&[words], Some(cause))
 }
 
 /// Starts the clocks of the peripherals that all boards use.

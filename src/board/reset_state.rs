@@ -17,7 +17,8 @@ const CLEAR_PENDING: u32 = 0xff << 16;
 /// `RCC_DCKCFGR`, whose TIMPRE doubles the clock of timers: RM0090 6.3.25. The PAC of the F407 does not have it, and its
 /// image also runs on the F429.
 const DCKCFGR: *mut u32 = 0x4002_388c as *mut u32;
-/// `RCC_DCKCFGR2`, whose CK48MSEL takes the clock of USB from another PLL: RM0390 6.3.28. Only the F446 has it.
+/// `RCC_DCKCFGR2`, whose CK48MSEL takes the clock of USB from another PLL: RM0390 6.3.28.
+#[cfg(feature = "chip-f446")]
 const DCKCFGR2: *mut u32 = 0x4002_3894 as *mut u32;
 
 /// Puts clocks and peripherals into their state after a reset; the watchdog ends a wait that does not end.
@@ -55,9 +56,11 @@ pub(super) fn undo(rcc: &RCC, exti: &EXTI, nvic: &NVIC) {
     rcc.apb1lpenr().reset();
     rcc.apb2lpenr().reset();
     rcc.sscgr().reset();
-    // SAFETY: zero is the value after a reset; chips without such a register take no write.
+    // SAFETY: zero is the value after a reset; the F405 and F407 have no such register, and take no write.
+    unsafe { DCKCFGR.write_volatile(0) };
+    #[cfg(feature = "chip-f446")]
+    // SAFETY: zero is the value after a reset.
     unsafe {
-        DCKCFGR.write_volatile(0);
         DCKCFGR2.write_volatile(0);
     }
     // No bit of RCC resets it.

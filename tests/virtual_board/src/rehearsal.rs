@@ -502,19 +502,23 @@ fn power_cuts(right: PowerUp, is_short: bool) -> Vec<Act> {
 fn faults_in_motion(bench: &Bench, right: PowerUp) -> Result<Vec<Act>> {
     let wiring = bench.wiring()?;
     let mut script = vec![Act::Part("faults in motion")];
+    let (has_eeprom, core) = (wiring.eeprom.is_some(), &["Core", "Core"]);
+    // Without USB, the machine comes up at once; else it tries again.
+    let resets = if bench.link() == Link::Usb { 2 } else { 1 };
+    let low_supply = after_low_supply(bench.link(), has_eeprom);
     for (name, fault, then, causes) in [
-        ("the core hangs", Act::Hang, after_reset(), &["IWDG"]),
+        ("the core hangs", Act::Hang, after_reset(), &["IWDG"][..]),
         (
             "the crystal stops",
             Act::StopCrystal,
             after_reset(),
-            &["Core"],
+            &core[..1],
         ),
         (
             "the supply falls",
             Act::Supply(2600),
-            after_low_supply(bench.link(), wiring.eeprom.is_some()),
-            &["Core"],
+            low_supply,
+            &core[..resets],
         ),
     ] {
         script.extend([
@@ -529,7 +533,7 @@ fn faults_in_motion(bench: &Bench, right: PowerUp) -> Result<Vec<Act>> {
         script.extend(then);
         script.push(Act::Want(Wanted::Resets(causes)));
         // What hangs switches nothing off: the reset does.
-        if *causes != ["IWDG"] && wiring.spindle.is_some() {
+        if causes != ["IWDG"] && wiring.spindle.is_some() {
             script.push(Act::Want(Wanted::Inactive("spindle")));
         }
     }
@@ -545,10 +549,12 @@ fn after_reset() -> Vec<Act> {
     ]
 }
 
-/// With a supply that stays low, no flash is written, and USB has no clock.
+/// With a supply that stays low, no flash is written, and USB has no clock until the supply is good again.
 fn after_low_supply(link: Link, has_eeprom: bool) -> Vec<Act> {
     if link == Link::Usb {
-        return vec![Act::Pause(SILENCE_MS)];
+        let mut script = vec![Act::Pause(SILENCE_MS / 2), Act::Supply(3300)];
+        script.extend(after_reset());
+        return script;
     }
     let stored = if has_eeprom { "ok" } else { "error:" };
     vec![
