@@ -7,7 +7,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_230),
     ("proof", 30_500),
     ("src", 39_000),
-    ("tests", 47_850),
+    ("tests", 47_900),
     ("xtask", 24_850),
 ];
 
