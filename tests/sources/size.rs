@@ -7,8 +7,8 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_230),
     ("proof", 30_500),
     ("src", 39_000),
-    ("tests", 47_850),
-    ("xtask", 23_650),
+    ("tests", 47_900),
+    ("xtask", 24_850),
 ];
 
 /// How far a ceiling may be above the present count, so that ceilings are lowered with the code.

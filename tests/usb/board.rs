@@ -4,12 +4,10 @@ use leadscrew::{
     model::{Requests, queues::SENT_RING},
     protocol::{ByteReader, ByteWriter, Bytes, Incoming, IncomingWriter},
     tasks::{Platform, Task},
-    usb::{ControlBus, Driver, Mailbox, Registers, SenderQueues, UsbControl, serial_number},
+    usb::{Driver, SenderQueues, UsbControl},
 };
 use otg::{Core, SetupEnd, Silicon, Version};
-
-/// A period of `usb`, µs.
-pub(crate) const PERIOD_US: u64 = 500;
+use usb_machine::{Bus, PERIOD_US};
 
 /// The name of the board, and its serial number.
 pub(crate) const NAME: &str = "A board";
@@ -30,19 +28,6 @@ pub(crate) fn silicons() -> Vec<Silicon> {
         }
     }
     all
-}
-
-/// The registers of the model.
-pub(crate) struct Bus<'a>(pub(crate) &'a mut Core);
-
-impl Registers for Bus<'_> {
-    fn read(&mut self, offset: usize) -> u32 {
-        self.0.read(offset)
-    }
-
-    fn write(&mut self, offset: usize, value: u32) {
-        self.0.write(offset, value);
-    }
 }
 
 /// Counts the releases of `wake` and of `prepare`.
@@ -85,20 +70,10 @@ pub(crate) struct Board {
     waited: u32,
 }
 
-/// Both tasks of USB, out of a reset. Their memory lives as long as the tests.
-pub(crate) fn tasks() -> (Driver<'static>, UsbControl<'static>) {
-    let mailbox: &'static Mailbox = Box::leak(Box::new(Mailbox::new()));
-    let allocator = Box::leak(Box::new(ControlBus::allocator(mailbox)));
-    let digits = Box::leak(Box::new(serial_number(UNIQUE)));
-    let serial = std::str::from_utf8(digits).expect("digits are text");
-    let control = UsbControl::new(allocator, NAME, serial).expect("the names are short");
-    (Driver::new(mailbox), control)
-}
-
 impl Board {
     /// A board out of a reset.
     pub(crate) fn new() -> Self {
-        let (driver, control) = tasks();
+        let (driver, control) = usb_machine::tasks(NAME, UNIQUE);
         let incoming: &'static mut Incoming = Box::leak(Box::new(Incoming::new()));
         let (requests, reception, received) = incoming.split();
         let sent: &'static mut Bytes<SENT_RING> = Box::leak(Box::new(Bytes::new()));

@@ -1,9 +1,10 @@
 //! A device is set up by every system on every core, whatever comes between.
 
 use otg::{Core, Handshake, Host, HostError, System};
+use usb_machine::PERIOD_US;
 
 use crate::{
-    board::{Board, NAME, PERIOD_US, silicons},
+    board::{Board, NAME, silicons},
     opened,
 };
 

@@ -5,19 +5,17 @@ use leadscrew::{
     settings::{Settings, StepRate, assign},
     sim::{Edge, Simulator},
     units::TICKS_PER_MS,
-    usb::{Driver, UsbControl},
 };
 use otg::{Core, Host, Silicon, System};
+use usb_machine::{Device, PERIOD_US};
 
-use crate::board::{Bus, PERIOD_US, silicons, tasks};
+use crate::board::{NAME, UNIQUE, silicons};
 
 const PERIOD_TICKS: u64 = PERIOD_US * TICKS_PER_MS as u64 / 1000;
 
 /// A machine whose port a host has opened.
 struct UsbMachine {
-    simulator: Box<Simulator>,
-    driver: Driver<'static>,
-    control: UsbControl<'static>,
+    device: Device,
     host: Host,
     edges: Vec<Edge>,
     /// What the host has fetched.
@@ -27,12 +25,9 @@ struct UsbMachine {
 impl UsbMachine {
     /// With these assignments; the welcome has been read.
     fn new(silicon: Silicon, assignments: &[&str]) -> (Core, Self) {
-        let (driver, control) = tasks();
         let simulator = Box::new(Simulator::new(&assigned(assignments)));
         let mut machine = Self {
-            simulator,
-            driver,
-            control,
+            device: Device::new(simulator, NAME, UNIQUE),
             host: Host::default(),
             edges: Vec::new(),
             text: String::new(),
@@ -54,15 +49,8 @@ impl UsbMachine {
     }
 
     fn period(&mut self, core: &mut Core) {
-        let end = self.simulator.now() + PERIOD_TICKS;
-        while self.simulator.now() < end {
-            self.edges.extend(self.simulator.advance(end));
-        }
-        core.pass(PERIOD_US);
-        if self.simulator.serve_usb(&mut self.driver, &mut Bus(core)) {
-            self.simulator.serve_usb_control(&mut self.control);
-        }
-        self.simulator.settle();
+        let edges = &mut self.edges;
+        self.device.period(core, &mut |edge| edges.push(*edge));
     }
 
     /// Some periods pass, and the host fetches what there is.
@@ -93,11 +81,11 @@ impl UsbMachine {
     }
 
     fn state(&self) -> State {
-        self.simulator.snapshot().state
+        self.device.simulator.snapshot().state
     }
 
     fn duty(&self) -> u16 {
-        self.simulator.outputs().duty
+        self.device.simulator.outputs().duty
     }
 }
 
@@ -147,7 +135,7 @@ fn a_job_over_usb_makes_the_steps_that_it_makes_without() {
     for silicon in [silicons()[0], silicons()[11]] {
         let (mut core, mut machine) = UsbMachine::new(silicon, &FAST);
         machine.send(&mut core, job);
-        while machine.simulator.due().is_some() || machine.state() != State::Idle {
+        while machine.device.simulator.due().is_some() || machine.state() != State::Idle {
             machine.run(&mut core, 100);
         }
         machine.run(&mut core, 100);
@@ -155,7 +143,10 @@ fn a_job_over_usb_makes_the_steps_that_it_makes_without() {
         assert!(raised == expected, "{} {}", raised.len(), expected.len());
         let answers = machine.text.matches("ok\r\n").count();
         assert_eq!(answers, job.split(|byte| *byte == b'\n').count() - 1);
-        assert_eq!((machine.simulator.lost(), core.violations()), (0, &[][..]));
+        assert_eq!(
+            (machine.device.simulator.lost(), core.violations()),
+            (0, &[][..])
+        );
     }
 }
 
@@ -164,12 +155,12 @@ fn short_lines_run_as_fast_as_the_motion() {
     let (mut core, mut machine) = UsbMachine::new(silicons()[0], &FAST);
     let line = |number: u32| format!("G1X{:.4}Y0.000F3000\n", f64::from(number) * 0.05);
     let job: String = (1..=2500).map(line).collect();
-    let start = machine.simulator.now();
+    let start = machine.device.simulator.now();
     machine.send(&mut core, job.as_bytes());
-    while machine.simulator.due().is_some() || machine.state() != State::Idle {
+    while machine.device.simulator.due().is_some() || machine.state() != State::Idle {
         machine.run(&mut core, 10);
     }
-    let ms = (machine.simulator.now() - start) / u64::from(TICKS_PER_MS);
+    let ms = (machine.device.simulator.now() - start) / u64::from(TICKS_PER_MS);
     // 125 mm at 50 mm/s, and the ramps; at 115 200 baud the bytes alone take longer.
     assert!((2500..2700).contains(&ms), "{ms}");
     assert!(job.len() * 10 * 1000 / 115_200 > 4300);
@@ -192,10 +183,10 @@ fn a_question_behind_a_burst_is_answered_and_a_hold_is_made_in_time() {
     // A burst of 1 KiB of which the queue has room for a part.
     let mut burst = b"G1X1\n".repeat(200);
     burst.push(b'!');
-    let start = machine.simulator.now();
+    let start = machine.device.simulator.now();
     machine.send(&mut core, &burst);
     machine.run(&mut core, 1);
-    let ms = (machine.simulator.now() - start) / u64::from(TICKS_PER_MS);
+    let ms = (machine.device.simulator.now() - start) / u64::from(TICKS_PER_MS);
     assert_eq!(machine.state(), State::HoldSlowing);
     assert!(ms <= 8, "{ms}");
 }
@@ -226,8 +217,8 @@ fn a_lost_link_holds_a_motion_within_5_ms_and_once() {
         machine.send(&mut core, b"~");
         machine.run(&mut core, 20_000);
         assert_eq!(machine.state(), State::Idle);
-        assert_eq!(machine.simulator.physical_steps()[0], 0);
-        assert_eq!(machine.simulator.requested_resets(), 0);
+        assert_eq!(machine.device.simulator.physical_steps()[0], 0);
+        assert_eq!(machine.device.simulator.requested_resets(), 0);
     }
 }
 
@@ -273,7 +264,7 @@ fn with_787_at_0_what_has_been_sent_is_played_out() {
     machine.run(&mut core, 20_000);
     assert_eq!(machine.state(), State::Idle);
     // The line that was begun is not executed.
-    assert_eq!(machine.simulator.physical_steps()[0], 50 * 250);
+    assert_eq!(machine.device.simulator.physical_steps()[0], 50 * 250);
 }
 
 #[test]
@@ -289,7 +280,7 @@ fn a_lost_link_at_rest_holds_nothing_and_the_next_line_is_executed() {
     machine.send(&mut core, b"G91G1X1F600\n");
     machine.run(&mut core, 2000);
     assert_eq!(machine.text, "ok\r\n");
-    assert_eq!(machine.simulator.physical_steps()[0], 250);
+    assert_eq!(machine.device.simulator.physical_steps()[0], 250);
 }
 
 #[test]

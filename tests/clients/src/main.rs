@@ -12,6 +12,7 @@ mod machine;
 mod monitor;
 mod reprap;
 mod tap;
+mod usbip;
 mod view;
 mod web;
 
@@ -253,6 +254,7 @@ fn all() -> impl Iterator<Item = Check> {
         })
     });
     senders.chain([
+        Check::new("USB/IP host at the simulator", usbip::host),
         Check::new("the monitor's page", monitor::page),
         Check::new("the live page of a job", monitor::live_page),
         Check::new("the memory of the monitor's page", monitor::memory),

@@ -470,6 +470,11 @@ impl Core {
     }
 }
 
+/// Returns whether there is such an endpoint in the present configuration.
+fn is_active(endpoints: &[Endpoint; ENDPOINTS], number: usize) -> bool {
+    { endpoints.get(number) }.is_some_and(|endpoint| endpoint.has(USBAEP))
+}
+
 /// The side of the host.
 impl Core {
     /// The host resets the bus: the flags are those of the beginning and of the end.
@@ -557,7 +562,7 @@ impl Core {
 
     /// The host sends a packet of data with a toggle.
     pub fn out(&mut self, address: u8, number: usize, toggle: bool, bytes: &[u8]) -> Handshake {
-        if !self.answers(address) || !self.outs[number].has(USBAEP) {
+        if !self.answers(address) || !is_active(&self.outs, number) {
             return Handshake::Silence;
         }
         let room = self.room();
@@ -589,7 +594,7 @@ impl Core {
 
     /// The host fetches a packet, and has it.
     pub fn fetch(&mut self, address: u8, number: usize) -> FromDevice {
-        if !self.answers(address) || !self.ins[number].has(USBAEP) {
+        if !self.answers(address) || !is_active(&self.ins, number) {
             return FromDevice::Refusal(Handshake::Silence);
         }
         let endpoint = &mut self.ins[number];

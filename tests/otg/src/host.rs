@@ -187,6 +187,22 @@ impl Host {
         system: System,
         device: &mut impl FnMut(&mut Core),
     ) -> Outcome<()> {
+        self.identify(core, system, device)?;
+        self.write(core, request(0, 9, 1, 0, 0), &[], device)?;
+        (self.out_toggle, self.in_toggle) = (false, false);
+        self.open(core, system, device)
+    }
+
+    /// Waits for the device, resets the bus, gives the device its address and reads its descriptors, as a system does.
+    ///
+    /// # Errors
+    /// As the device answers.
+    pub fn identify(
+        &mut self,
+        core: &mut Core,
+        system: System,
+        device: &mut impl FnMut(&mut Core),
+    ) -> Outcome<()> {
         for _ in 0..2 * MOST_PERIODS {
             if core.is_connected() {
                 break;
@@ -210,10 +226,13 @@ impl Host {
         self.write(core, request(0, 5, 9, 0, 0), &[], device)?;
         self.address = 9;
         self.device = self.read(core, request(0x80, 6, 0x100, 0, 18), device)?;
-        self.read_descriptors(core, system, device)?;
-        self.write(core, request(0, 9, 1, 0, 0), &[], device)?;
-        (self.out_toggle, self.in_toggle) = (false, false);
-        self.open(core, system, device)
+        self.read_descriptors(core, system, device)
+    }
+
+    /// The address of the device.
+    #[must_use]
+    pub const fn address(&self) -> u8 {
+        self.address
     }
 
     fn read_descriptors(

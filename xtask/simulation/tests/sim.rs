@@ -317,6 +317,35 @@ fn a_second_sender_is_refused_with_who_is_connected() {
     server.stop();
 }
 
+#[test]
+fn a_usb_device_is_served_with_how_to_attach_it_and_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut server, line) = Server::start(folder.path(), &["--usbip", "127.0.0.1:0"]);
+    let address = line.split_whitespace().next().unwrap();
+    let address = address.strip_prefix("usbip://").unwrap();
+    let (_, port) = address.split_once(':').unwrap();
+    assert_eq!(
+        server.expect_line("Attach by"),
+        format!("sudo usbip --tcp-port {port} attach -r 127.0.0.1 -b 1-1")
+    );
+    for (arguments, part) in [
+        (&["--usbip", address][..], "cannot listen at"),
+        (&["--usbip", "nowhere"], "an address is 127.0.0.1:3240"),
+        (
+            &["--usbip", address, "--tcp", "127.0.0.1:0"],
+            "cannot be used with",
+        ),
+        (&["--usbip", address, "--pty", "tty"], "cannot be used with"),
+        (&["--usbip", address, "-"], "cannot be used with"),
+    ] {
+        let run = done(folder.path(), arguments, "");
+        assert!(!run.status.success());
+        assert!(text(&run.stderr).contains(part), "{}", text(&run.stderr));
+    }
+    server.stop();
+    assert_eq!(names(folder.path()), [""; 0]);
+}
+
 /// Where X is, mm, as a report tells.
 #[cfg(target_os = "linux")]
 fn x_mm(mut stream: &fs::File) -> String {

@@ -12,9 +12,9 @@ use crate::BAUD;
 /// machine that is unlocked as after homing. The exit status is 1 when a line was refused or an
 /// alarm rose.
 ///
-/// With --pty or --tcp the same machine runs in real time, for any sender to connect to.
+/// With --pty, --tcp or --usbip the same machine runs in real time, for any sender to connect to.
 #[derive(Debug, clap::Parser)]
-#[command(group = clap::ArgGroup::new("what").required(true).args(["file", "pty", "tcp", "session"]))]
+#[command(group = clap::ArgGroup::new("what").required(true).args(["file", "pty", "tcp", "usbip", "session"]))]
 pub struct Sim {
     /// The program; `-` is standard input
     pub file: Option<InputPath>,
@@ -64,6 +64,10 @@ pub struct Sim {
     /// Serve the machine in real time at a TCP address such as 127.0.0.1:2323, until Ctrl-C
     #[arg(long, value_name = "ADDR:PORT")]
     pub tcp: Option<String>,
+    /// Serve the machine in real time as a USB device to hosts that speak USB/IP, such as Linux, at a TCP address such
+    /// as 127.0.0.1:3240, until Ctrl-C
+    #[arg(long, value_name = "ADDR:PORT")]
+    pub usbip: Option<String>,
     /// Give the machine limit switches at the ends of its travel, in whose middle it stands, and a
     /// probe plate 10 mm above the low end of Z
     #[arg(long, conflicts_with_all = ["on_target", "session"])]
@@ -74,7 +78,7 @@ pub struct Sim {
         long,
         value_name = "AXIS=MM",
         requires = "switches",
-        conflicts_with_all = ["on_target", "session", "pty", "tcp"]
+        conflicts_with_all = ["on_target", "session", "pty", "tcp", "usbip"]
     )]
     pub second: Vec<SecondMotor>,
     /// Begin the program locked where homing is on ($22=1), as a machine is at power-up

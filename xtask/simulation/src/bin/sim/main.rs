@@ -41,7 +41,7 @@ use simulation::{
 use gantry::Sides;
 use power_up::PowerUp;
 use recorder::Recording;
-use serve::{Server, Tcp, Terminal};
+use serve::{Server, Tcp, Terminal, UsbIp};
 
 fn main() -> ExitCode {
     common::main(|| match options::read() {
@@ -142,18 +142,23 @@ fn serve(
     options: &Options,
 ) -> Result<ExitCode> {
     let settings = *simulator.session().settings();
-    let server = Server::new(*simulator, options.flash.as_deref(), &mut recording);
-    let (figures, name) = if let Some(path) = &options.pty {
-        let mut terminal = Terminal::at(path)?;
-        (
-            server.serve(&mut terminal, stop)?,
-            path.display().to_string(),
-        )
+    let flash = options.flash.as_deref();
+    let (figures, name) = if let Some(address) = &options.usbip {
+        let server = UsbIp::at(address, simulator, flash, &mut recording)?;
+        let title = format!("usbip://{}", server.address());
+        (server.serve(stop)?, title)
     } else {
-        let address = options.tcp.as_deref().context("no port is given")?;
-        let mut tcp = Tcp::at(address)?;
-        let title = format!("tcp://{}", tcp.address()?);
-        (server.serve(&mut tcp, stop)?, title)
+        let server = Server::new(*simulator, flash, &mut recording);
+        if let Some(path) = &options.pty {
+            let mut terminal = Terminal::at(path)?;
+            let title = path.display().to_string();
+            (server.serve(&mut terminal, stop)?, title)
+        } else {
+            let address = options.tcp.as_deref().context("no port is given")?;
+            let mut tcp = Tcp::at(address)?;
+            let title = format!("tcp://{}", tcp.address()?);
+            (server.serve(&mut tcp, stop)?, title)
+        }
     };
     ui::status("Stopped", "");
     recording.finish(figures, Vec::new(), &settings, &name)?;

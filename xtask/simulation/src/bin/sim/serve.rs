@@ -1,9 +1,11 @@
-//! The virtual machine in real time, behind a pseudo-terminal or a TCP port.
+//! The virtual machine in real time, behind a pseudo-terminal, a TCP port or USB/IP.
 
+mod record;
 mod tcp;
 mod terminal;
 #[cfg(test)]
 mod tests;
+mod usbip;
 
 use std::{
     os::{fd::BorrowedFd, unix::net::UnixStream},
@@ -12,21 +14,18 @@ use std::{
 };
 
 use anyhow::{Context, Result};
-use leadscrew::sim::{Simulator, StepStatistics};
+use leadscrew::sim::Simulator;
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     io::Errno,
 };
-use simulation::{
-    figures::Figures,
-    machine::Machine,
-    play::{Recorder, Replies},
-};
+use simulation::{figures::Figures, machine::Machine, play::Recorder};
 
-use crate::power_up;
+use self::record::Record;
 
 pub(crate) use tcp::Tcp;
 pub(crate) use terminal::Terminal;
+pub(crate) use usbip::UsbIp;
 
 /// How often a moving machine is run at most.
 const PERIOD: Duration = Duration::from_millis(1);
@@ -55,11 +54,7 @@ pub(crate) trait Port {
 /// A machine that is served, and what is kept of it.
 pub(crate) struct Server<'a, R> {
     machine: Machine,
-    /// The file with what it stores, and how many changes of it are there.
-    flash: Option<(&'a Path, u64)>,
-    conversation: Replies,
-    statistics: StepStatistics,
-    recorder: &'a mut R,
+    record: Record<'a, R>,
     start: Instant,
     unsent: Vec<u8>,
 }
@@ -68,13 +63,9 @@ impl<'a, R: Recorder> Server<'a, R> {
     /// Serves a machine that has been switched on just now.
     pub(crate) fn new(simulator: Simulator, flash: Option<&'a Path>, recorder: &'a mut R) -> Self {
         let mut machine = Machine::amid(simulator, Vec::new());
-        let stored = machine.flash().operations();
         Self {
+            record: Record::new(machine.flash(), flash, recorder),
             machine,
-            flash: flash.map(|path| (path, stored)),
-            conversation: Replies::default(),
-            statistics: StepStatistics::new(),
-            recorder,
             start: Instant::now(),
             unsent: Vec::new(),
         }
@@ -118,8 +109,7 @@ impl<'a, R: Recorder> Server<'a, R> {
                     .drain(..self.unsent.len().saturating_sub(MAX_UNREAD_BYTES));
             }
             if self.wait(port, stop)? {
-                let simulator = self.machine.simulator();
-                return Ok(self.conversation.finish(simulator, &self.statistics));
+                return Ok(self.record.finish(self.machine.simulator()));
             }
         }
     }
@@ -130,26 +120,13 @@ impl<'a, R: Recorder> Server<'a, R> {
 
     /// Runs the machine until now.
     fn run(&mut self) -> Result<()> {
-        let mut failure = None;
-        let (statistics, recorder) = (&mut self.statistics, &mut self.recorder);
         let now_s = self.start.elapsed().as_secs_f64();
-        self.machine.run_until_s(now_s, &mut |edge| {
-            statistics.add(edge);
-            if let Err(error) = recorder.edge(edge, statistics) {
-                failure.get_or_insert(error);
-            }
-        });
-        if let Some(error) = failure {
-            return Err(error);
-        }
-        if let Some((path, stored)) = &mut self.flash
-            && *stored != self.machine.flash().operations()
-        {
-            *stored = self.machine.flash().operations();
-            power_up::save(path, self.machine.flash())?;
-        }
+        let record = &mut self.record;
+        self.machine
+            .run_until_s(now_s, &mut |edge| record.edge(edge));
+        self.record.keep(self.machine.flash())?;
         for (_, byte) in self.machine.take_bytes() {
-            self.conversation.push(byte);
+            self.record.hear(byte);
             self.unsent.push(byte);
         }
         Ok(())

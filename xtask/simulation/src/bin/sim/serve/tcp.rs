@@ -30,17 +30,8 @@ pub(crate) struct Tcp {
 impl Tcp {
     /// Listens at an address.
     pub(crate) fn at(address: &str) -> Result<Self> {
-        let listener = TcpListener::bind(address).with_context(|| {
-            let parsed = address.parse().ok();
-            let hint = match parsed.and_then(holder::of_address) {
-                Some(holder) => format!("{holder} has it"),
-                None => "an address is 127.0.0.1:2323".into(),
-            };
-            format!("cannot listen at {address:?} ({hint})")
-        })?;
-        listener.set_nonblocking(true)?;
         let tcp = Self {
-            listener,
+            listener: listen(address, "127.0.0.1:2323")?,
             sender: None,
         };
         let address = tcp.address()?;
@@ -90,8 +81,22 @@ impl Port for Tcp {
     }
 }
 
+/// Listens at an address, of which the user is shown another one where that is impossible.
+pub(super) fn listen(address: &str, example: &str) -> Result<TcpListener> {
+    let listener = TcpListener::bind(address).with_context(|| {
+        let parsed = address.parse().ok();
+        let hint = match parsed.and_then(holder::of_address) {
+            Some(holder) => format!("{holder} has it"),
+            None => format!("an address is {example}"),
+        };
+        format!("cannot listen at {address:?} ({hint})")
+    })?;
+    listener.set_nonblocking(true)?;
+    Ok(listener)
+}
+
 /// Sends bytes at once, and notices a computer that is gone.
-fn prepare(stream: &TcpStream) -> std::io::Result<()> {
+pub(super) fn prepare(stream: &TcpStream) -> std::io::Result<()> {
     stream.set_nonblocking(true)?;
     stream.set_nodelay(true)?;
     set_socket_keepalive(stream, true)?;
