@@ -6,7 +6,7 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_230),
     ("proof", 30_500),
-    ("src", 39_000),
+    ("src", 39_050),
     ("tests", 47_900),
     ("xtask", 24_850),
 ];
