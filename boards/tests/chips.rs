@@ -30,7 +30,7 @@ fn with_chip(name: &str, old: &str, new: &str) -> Result<Board, String> {
 #[test]
 fn a_chip_at_96_mhz_needs_the_feature_of_its_clock() {
     let board = with_chip("at-96", "core_mhz = 96", "core_mhz = 96").expect("nothing is wrong");
-    assert_eq!(board.features(3), ["chip-f411", "clock-96"]);
+    assert_eq!(board.features(3), ["chip-f411", "clock-96", "usb"]);
     let clocks = board.chip.clocks;
     assert_eq!(
         (clocks.apb1_timers_mhz(), clocks.apb2_timers_mhz()),
