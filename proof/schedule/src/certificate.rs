@@ -51,9 +51,18 @@ pub(crate) fn of(
         demands.extend(demand.map(|demand| (row, demand)));
     }
     let views = Views::of(system, &demands, named, &windows)?;
+    let all_rows = system.rows.iter();
+    let varied: BTreeSet<String> = all_rows
+        .flat_map(|row| system.wcets(row, named).varied)
+        .collect();
     let functions = system.program.functions_at(&views.reached);
     let functions: Map<String, Value> = functions
-        .map(|function| (hexadecimal(function.address), graph(function)))
+        .map(|function| {
+            (
+                hexadecimal(function.address),
+                graph(function, named, &varied),
+            )
+        })
         .collect();
     let limited = system.limited.iter();
     let limited: Map<String, Value> = limited
@@ -95,7 +104,7 @@ fn hexadecimal(address: u32) -> String {
 }
 
 /// The graph of a function, with what is known of its accesses and loops.
-fn graph(function: &Function) -> Value {
+fn graph(function: &Function, named: &Numbers, varied: &BTreeSet<String>) -> Value {
     let blocks = function.blocks.iter().map(|block| {
         let successors = block.successors.iter();
         let successors: Vec<_> = successors.map(|edge| (edge.to, edge.is_taken)).collect();
@@ -116,7 +125,13 @@ fn graph(function: &Function) -> Value {
         json!({
             "head": looped.head,
             "blocks": looped.blocks,
-            "most": bound.filter(|_| total.is_none()).map(|bound| &bound.count),
+            "most": bound.filter(|_| total.is_none()).map(|bound| {
+                // What the analysis counts may be less than what a name says.
+                match looped.most(named, varied) {
+                    Some(most) if bound.count.value(named) != Some(most) => json!(most),
+                    _ => json!(bound.count),
+                }
+            }),
             "total": total.map(|total| &total.bound.count),
             "in_runs": in_runs(function, looped),
             "origin": total.map(|total| &total.bound.origin).or(bound.map(|bound| &bound.origin)),
