@@ -5,7 +5,7 @@ use super::sources;
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_230),
-    ("proof", 30_500),
+    ("proof", 30_520),
     ("src", 39_050),
     ("tests", 47_900),
     ("xtask", 24_850),
