@@ -163,13 +163,18 @@ impl Wiring {
         pins.extend(self.inputs.iter().map(|(_, signed)| signed.pin));
         pins.extend(self.at_boot.iter().map(|(pin, _)| *pin));
         pins.extend([self.serial.transmit, self.serial.receive]);
-        pins.extend(USB_PINS.into_iter().filter(|_| self.has_usb));
+        pins.extend(self.usb_pins());
         pins.extend(
             self.eeprom
                 .into_iter()
                 .flat_map(|pins| [pins.clock, pins.data]),
         );
         ports(&pins)
+    }
+
+    /// Returns the pins of the USB socket, where the sender is there: D- and D+.
+    pub fn usb_pins(&self) -> impl Iterator<Item = Pin> {
+        USB_PINS.into_iter().filter(|_| self.has_usb)
     }
 
     /// Returns the outputs on C13 to C15, which the chip's switch for its battery supplies.

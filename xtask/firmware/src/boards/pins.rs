@@ -9,7 +9,7 @@ use board_data::{Board, Pin, SignedPin, Wiring};
 type Row = (&'static str, fn(&Board, &Wiring) -> String);
 
 /// The rows that do not stand for an axis.
-const ROWS: [Row; 7] = [
+const ROWS: [Row; 9] = [
     ("enable of the drivers", |board, wiring| {
         let pins = wiring.enable.iter().map(|pin| output(board, Some(*pin)));
         pins.collect::<Vec<_>>().join(", ")
@@ -25,15 +25,24 @@ const ROWS: [Row; 7] = [
     }),
     ("flood, `M8`", |board, wiring| output(board, wiring.flood)),
     ("mist, `M7`", |board, wiring| output(board, wiring.mist)),
+    ("sender: USB", |board, wiring| {
+        let pins = wiring.usb_pins().map(|pin| named(board, pin));
+        pins.collect::<Vec<_>>().join(", ")
+    }),
     ("sender: TX, RX", |board, wiring| {
-        let serial = wiring.serial;
-        format!(
-            "{}, {}",
-            named(board, serial.transmit),
-            named(board, serial.receive)
-        )
+        serial(board, wiring, !wiring.has_usb)
+    }),
+    ("why it does not start: TX, RX", |board, wiring| {
+        serial(board, wiring, wiring.has_usb)
     }),
 ];
+
+/// The pins of the USART, for one of its two uses.
+fn serial(board: &Board, wiring: &Wiring, is_used: bool) -> String {
+    let pins = [wiring.serial.transmit, wiring.serial.receive].into_iter();
+    let pins = pins.filter(|_| is_used).map(|pin| named(board, pin));
+    pins.collect::<Vec<_>>().join(", ")
+}
 
 /// The inputs that do not stand for an axis, by their keys.
 const INPUTS: [(&str, &str); 5] = [
