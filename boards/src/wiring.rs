@@ -192,7 +192,7 @@ impl Wiring {
         weak
     }
 
-    /// Returns the inputs that share their interrupt line with one before them: they are looked at each
+    /// Returns the inputs that share their interrupt line with one before them: they are looked at twice in a
     /// millisecond.
     pub fn polled(&self) -> Vec<Input> {
         let numbers: Vec<u8> = self.inputs.iter().map(|(_, pin)| pin.pin.number).collect();

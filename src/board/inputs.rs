@@ -3,7 +3,7 @@
 //! An edge on a pin releases the task at once and masks all lines until four samples have been
 //! taken and the last one has found no change. The timer, TIM10, releases the task for the samples,
 //! 250 µs apart. So there are at most five runs in a millisecond, whatever contacts and noise do.
-//! The timer also releases the task each millisecond, for pins that share their interrupt line with
+//! The timer also releases the task twice a millisecond, for pins that share their interrupt line with
 //! another pin.
 //!
 //! # Cost

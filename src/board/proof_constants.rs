@@ -77,14 +77,14 @@ symbols! {
 }
 
 #[cfg(feature = "usb")]
-use leadscrew::usb::{MOST_ENTRIES, PACKET_BYTES, PACKET_WORDS};
+use leadscrew::usb::{MOST_FIFO_ENTRIES, PACKET_BYTES, PACKET_WORDS};
 
 #[cfg(feature = "usb")]
 use super::serial::USB_PERIOD_US;
 
 #[cfg(feature = "usb")]
 symbols! {
-    MOST_ENTRIES
+    MOST_FIFO_ENTRIES
     PACKET_BYTES
     PACKET_WORDS
     USB_PERIOD_US

@@ -26,8 +26,8 @@ use leadscrew::{
 pub(super) const USB_PERIOD_US: u16 = 500;
 
 /// D- and D+, and their alternate function: data sheets, alternate function mapping, the same on all F4.
-const PINS: [Pin; 2] = [Pin::new('A', 11), Pin::new('A', 12)];
-const PIN_FUNCTION: u32 = 10;
+const DATA_PINS: [Pin; 2] = [Pin::new('A', 11), Pin::new('A', 12)];
+const OTG_FUNCTION: u32 = 10;
 
 /// The registers of the core: RM0090 2.3.
 const OTG_FS: *mut u32 = 0x5000_0000 as *mut u32;
@@ -35,8 +35,11 @@ const OTG_FS: *mut u32 = 0x5000_0000 as *mut u32;
 const UNIQUE_NUMBER: *const [u32; 3] = 0x1fff_7a10 as *const [u32; 3];
 
 /// The name of the board, as the host shows it.
-const NAME: &str = env!("LEADSCREW_BOARD_TITLE");
-const _: () = assert!(NAME.len() <= LONGEST_NAME, "the host shows no longer name");
+const BOARD_NAME: &str = env!("LEADSCREW_BOARD_TITLE");
+const _: () = assert!(
+    BOARD_NAME.len() <= LONGEST_NAME,
+    "the host shows no longer name"
+);
 
 /// The registers, for `usb` alone.
 struct OtgCore;
@@ -90,7 +93,7 @@ impl UsbMemory {
         self.serial_number = serial_number(unsafe { UNIQUE_NUMBER.read_volatile() });
         let serial_number = str::from_utf8(&self.serial_number).unwrap_or_default();
         let allocator = self.allocator.write(ControlBus::allocator(&self.mailbox));
-        let control = usb::UsbControl::new(allocator, NAME, serial_number);
+        let control = usb::UsbControl::new(allocator, BOARD_NAME, serial_number);
         let control = control.expect("the sizes and names are allowed");
         let link = UsbLink {
             driver: Driver::new(&self.mailbox),
@@ -106,8 +109,8 @@ pub(crate) struct UsbPort(pac::TIM11);
 impl UsbPort {
     /// Sets up pins and timer. The clocks of both must run.
     pub(super) fn new(timer: pac::TIM11) -> Self {
-        for pin in PINS {
-            pin.make_fast_alternate(PIN_FUNCTION, Pull::None);
+        for pin in DATA_PINS {
+            pin.make_fast_alternate(OTG_FUNCTION, Pull::None);
         }
         timer.psc().write(|w| w.psc().set(TIMERS_MHZ - 1));
         timer.arr().write(|w| w.arr().set(USB_PERIOD_US - 1));

@@ -1,7 +1,7 @@
 //! The driver of the OTG core: what `usb` does in each period.
 //!
 //! # Cost
-//! A run takes a packet of data, or at most [`MOST_ENTRIES`] other entries of the receive FIFO, and sends a packet.
+//! A run takes a packet of data, or at most [`MOST_FIFO_ENTRIES`] other entries of the receive FIFO, and sends a packet.
 //! Each loop counts constants.
 
 use core::array;
@@ -30,7 +30,7 @@ const RUNS_TO_DEVICE_MODE: u8 = 52;
 /// Runs before the core connects: 4 ms behind a soft disconnect, which hosts see after 3 ms (ES0182).
 const RUNS_TO_CONNECTION: u8 = RUNS_TO_DEVICE_MODE + 8;
 /// Entries of the receive FIFO that a run takes which takes no packet of data, at most: two of a SETUP, and two before.
-pub const MOST_ENTRIES: usize = 4;
+pub const MOST_FIFO_ENTRIES: usize = 4;
 
 /// Words of the FIFOs, of which the core has 320: RM0090 34.11. Received are three SETUP packets and two packets of
 /// data, each with its status, with room to spare.
@@ -283,8 +283,8 @@ impl<'a> Driver<'a> {
 
     /// Takes what comes before a packet of data.
     fn receive_control(&mut self, otg: &mut impl Registers) {
-        // wcet-bound: MOST_ENTRIES: each run takes an entry
-        for _ in 0..MOST_ENTRIES {
+        // wcet-bound: MOST_FIFO_ENTRIES: each run takes an entry
+        for _ in 0..MOST_FIFO_ENTRIES {
             if next_entry(otg).is_none_or(is_data) {
                 return;
             }
@@ -502,7 +502,7 @@ const fn is_data(status: u32) -> bool {
 
 /// Returns whether an entry is the end of a transfer of data.
 const fn is_end_of_data(status: u32) -> bool {
-    matches!(kind(status), (entry::DONE, 1..))
+    matches!(kind(status), (entry::OUT_DONE, 1..))
 }
 
 /// Returns the bytes of the packet of an entry of the receive FIFO.

@@ -32,7 +32,7 @@ pub mod registers;
 
 pub use bus::{ControlBus, ControlBusAllocator};
 pub use control::{LONGEST_NAME, SERIAL_NUMBER_LENGTH, UsbControl, serial_number};
-pub use driver::{Driver, MOST_ENTRIES, SenderQueues};
+pub use driver::{Driver, MOST_FIFO_ENTRIES, SenderQueues};
 pub use mailbox::Mailbox;
 pub use registers::Registers;
 

@@ -169,7 +169,7 @@ pub mod entry {
     /// A packet of data.
     pub const DATA: u32 = 2;
     /// The end of a transfer.
-    pub const DONE: u32 = 3;
+    pub const OUT_DONE: u32 = 3;
     /// The end of a SETUP.
     pub const SETUP_DONE: u32 = 4;
     /// A SETUP packet.

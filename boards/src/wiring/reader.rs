@@ -304,7 +304,7 @@ impl<'a> WiringReader<'a> {
                 && !polled.contains(&key)
             {
                 let message = format!(
-                    "{key} ({}) shares its interrupt line with {} ({}): it would be looked at once a millisecond \
+                    "{key} ({}) shares its interrupt line with {} ({}): it would be looked at twice a millisecond \
                      only; take another pin, or add {key:?} to `polled`",
                     signed.pin,
                     other.key(),

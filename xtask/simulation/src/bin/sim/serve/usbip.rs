@@ -34,16 +34,16 @@ use usb_machine::{Device, PERIOD_US};
 
 use self::{
     protocol::{BUS_ID, Command, Operation, Refusal},
-    transfers::{GIVEN_UP, Transfers},
+    transfers::{Transfers, UNLINKED},
 };
 use super::{MAX_UNREAD_BYTES, PERIOD, record::Record, tcp};
 
 /// The name of the device.
-const NAME: &str = "Leadscrew simulator";
+const DEVICE_NAME: &str = "Leadscrew simulator";
 /// The port at which hosts look without being given another.
 const USUAL_PORT: u16 = 3240;
 /// Clients without the device at the same time, at most.
-const MOST_GUESTS: usize = 16;
+const MOST_CLIENTS: usize = 16;
 /// Bytes that a client may have sent ahead, at most: the longest transfer, and another command.
 const MOST_RECEIVED: usize = protocol::LONGEST_TRANSFER + 4096;
 /// Transfers that a client may have submitted without an answer, at most: Linux' driver has some twenty.
@@ -124,7 +124,7 @@ pub(crate) struct UsbIp<'a, R> {
     /// Who has the device.
     user: Option<Client>,
     /// Who has not.
-    guests: Vec<Client>,
+    clients: Vec<Client>,
     start: Instant,
 }
 
@@ -149,7 +149,7 @@ impl<'a, R: Recorder> UsbIp<'a, R> {
         };
         let mut served = Self {
             // Simulators at other ports have other serial numbers.
-            device: Device::new(simulator, NAME, [0, 0, address.port().into()]),
+            device: Device::new(simulator, DEVICE_NAME, [0, 0, address.port().into()]),
             core: Core::new(silicon),
             host: Host::default(),
             transfers: Transfers::default(),
@@ -157,7 +157,7 @@ impl<'a, R: Recorder> UsbIp<'a, R> {
             listener,
             address,
             user: None,
-            guests: Vec::new(),
+            clients: Vec::new(),
             start: Instant::now(),
         };
         served.identify()?;
@@ -210,11 +210,11 @@ impl<'a, R: Recorder> UsbIp<'a, R> {
 
     /// Lets everybody in who wants to ask, as long as there is room.
     fn accept(&mut self) {
-        while self.guests.len() < MOST_GUESTS
+        while self.clients.len() < MOST_CLIENTS
             && let Ok((stream, from)) = self.listener.accept()
         {
             if tcp::prepare(&stream).is_ok() {
-                self.guests.push(Client {
+                self.clients.push(Client {
                     stream,
                     from,
                     received: Vec::new(),
@@ -226,10 +226,10 @@ impl<'a, R: Recorder> UsbIp<'a, R> {
 
     /// Answers those who have no device.
     fn read_guests(&mut self) -> Result<()> {
-        for mut guest in std::mem::take(&mut self.guests) {
+        for mut guest in std::mem::take(&mut self.clients) {
             if guest.read().is_ok() {
                 match self.answer(guest) {
-                    Ok(Some(guest)) => self.guests.push(guest),
+                    Ok(Some(guest)) => self.clients.push(guest),
                     Ok(None) => {}
                     Err(error) => return Err(error),
                 }
@@ -325,7 +325,7 @@ impl<'a, R: Recorder> UsbIp<'a, R> {
 
     /// Sends what the clients are to hear.
     fn write(&mut self) {
-        self.guests.retain_mut(|guest| guest.write().is_ok());
+        self.clients.retain_mut(|guest| guest.write().is_ok());
         if let Some(Err(error)) = self.user.as_mut().map(Client::write) {
             self.detach(&error);
         }
@@ -334,10 +334,10 @@ impl<'a, R: Recorder> UsbIp<'a, R> {
     /// Waits for the next period, or for somebody who says something. Returns whether the machine is to stop.
     fn wait(&self, stop: &UnixStream) -> Result<bool> {
         let mut awaited = vec![PollFd::new(stop, PollFlags::IN)];
-        if self.guests.len() < MOST_GUESTS {
+        if self.clients.len() < MOST_CLIENTS {
             awaited.push(PollFd::new(&self.listener, PollFlags::IN));
         }
-        awaited.extend(self.guests.iter().chain(&self.user).map(Client::awaited));
+        awaited.extend(self.clients.iter().chain(&self.user).map(Client::awaited));
         let period = Timespec {
             tv_sec: 0,
             tv_nsec: PERIOD.subsec_nanos().into(),
@@ -361,7 +361,7 @@ fn take_commands(client: &mut Client, transfers: &mut Transfers) -> Result<()> {
             Command::Submit(urb) => transfers.submit(urb),
             Command::Unlink { number, of } => {
                 // What has ended has been answered before.
-                let status = if transfers.unlink(of) { GIVEN_UP } else { 0 };
+                let status = if transfers.unlink(of) { UNLINKED } else { 0 };
                 client.unsent.extend(protocol::unlinked(number, status));
             }
         }

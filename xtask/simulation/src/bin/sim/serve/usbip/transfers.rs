@@ -7,9 +7,9 @@ use otg::{Core, FromDevice, Handshake};
 
 /// Why a transfer has failed, as Linux numbers it: `errno` with a minus.
 pub(super) const STALLED: i32 = -32;
-const SILENT: i32 = -71;
+const NO_ANSWER: i32 = -71;
 const TOO_LONG: i32 = -75;
-pub(super) const GIVEN_UP: i32 = -104;
+pub(super) const UNLINKED: i32 = -104;
 const TOO_SHORT: i32 = -121;
 
 /// Flags of a transfer: a short packet is an error; a full last packet is followed by an empty one.
@@ -17,7 +17,7 @@ const SHORT_NOT_OK: u32 = 0x01;
 pub(super) const ZERO_PACKET: u32 = 0x40;
 
 /// Periods in a row without an answer of the device that end a transfer, as host controllers have it.
-const MOST_SILENCES: u8 = 3;
+const MOST_UNANSWERED: u8 = 3;
 /// Endpoints of each direction that USB has.
 const ENDPOINTS: usize = 16;
 
@@ -76,7 +76,7 @@ impl Urb {
 
 /// A transfer that has ended.
 #[derive(Debug)]
-pub(super) struct Ended {
+pub(super) struct Finished {
     pub(super) urb: Urb,
     pub(super) status: i32,
     /// Bytes that it has moved.
@@ -93,7 +93,7 @@ enum Stage {
 
 /// What becomes of a transfer at a transaction.
 #[derive(Debug, PartialEq, Eq)]
-enum Progress {
+enum Outcome {
     Goes,
     /// The device has refused: it is asked again in the next period.
     Waits,
@@ -108,12 +108,12 @@ struct Transfer {
     moved: usize,
     /// Of the next packet of endpoint 0.
     toggle: bool,
-    silences: u8,
+    unanswered: u8,
 }
 
 /// What a host knows of its device.
 #[derive(Debug, Default)]
-struct Known {
+struct HostState {
     address: u8,
     /// Of the next packets to the endpoints, and from them.
     to: [bool; ENDPOINTS],
@@ -123,7 +123,7 @@ struct Known {
 /// The transfers of a host with its device.
 #[derive(Debug, Default)]
 pub(super) struct Transfers {
-    known: Known,
+    known: HostState,
     /// By endpoint and direction: each of them has its turn.
     queues: BTreeMap<(usize, bool), VecDeque<Transfer>>,
 }
@@ -131,9 +131,9 @@ pub(super) struct Transfers {
 impl Transfers {
     /// None, with a device that has an address and no configuration.
     pub(super) fn new(address: u8) -> Self {
-        let known = Known {
+        let known = HostState {
             address,
-            ..Known::default()
+            ..HostState::default()
         };
         Self {
             known,
@@ -158,7 +158,7 @@ impl Transfers {
             urb,
             moved: 0,
             toggle: true,
-            silences: 0,
+            unanswered: 0,
         };
         self.queues.entry(queue).or_default().push_back(transfer);
     }
@@ -173,17 +173,17 @@ impl Transfers {
     }
 
     /// Does what is possible within a period. Returns the transfers that have ended.
-    pub(super) fn step(&mut self, core: &mut Core) -> Vec<Ended> {
+    pub(super) fn step(&mut self, core: &mut Core) -> Vec<Finished> {
         let mut ended = Vec::new();
         for queue in self.queues.values_mut() {
             while let Some(transfer) = queue.front_mut() {
                 let status = match transfer.transact(core, &mut self.known) {
-                    Progress::Goes => continue,
-                    Progress::Waits => break,
-                    Progress::Ends(status) => status,
+                    Outcome::Goes => continue,
+                    Outcome::Waits => break,
+                    Outcome::Ends(status) => status,
                 };
                 let transfer = queue.pop_front();
-                ended.extend(transfer.map(|Transfer { urb, moved, .. }| Ended {
+                ended.extend(transfer.map(|Transfer { urb, moved, .. }| Finished {
                     urb,
                     status,
                     moved,
@@ -194,7 +194,7 @@ impl Transfers {
     }
 }
 
-impl Known {
+impl HostState {
     /// The device has carried a request out.
     fn follow(&mut self, setup: [u8; 8]) {
         match (setup[0], setup[1]) {
@@ -214,10 +214,10 @@ impl Known {
 
 impl Transfer {
     /// Makes the next transaction.
-    fn transact(&mut self, core: &mut Core, known: &mut Known) -> Progress {
+    fn transact(&mut self, core: &mut Core, known: &mut HostState) -> Outcome {
         let number = self.urb.endpoint;
         if number >= ENDPOINTS {
-            return Progress::Ends(SILENT);
+            return Outcome::Ends(NO_ANSWER);
         }
         let progress = match (self.stage, self.urb.reads()) {
             (Stage::Setup, _) => self.begin(core, known.address),
@@ -227,46 +227,46 @@ impl Transfer {
             (Stage::Data, false) => self.give(core, known.address, Some(&mut known.to[number])),
             (Stage::Status, true) => {
                 let handshake = core.out(known.address, 0, true, &[]);
-                self.after(handshake, Progress::Ends(0))
+                self.after(handshake, Outcome::Ends(0))
             }
             (Stage::Status, false) => match core.fetch(known.address, 0) {
-                FromDevice::Packet(..) => Progress::Ends(0),
-                FromDevice::Refusal(handshake) => self.after(handshake, Progress::Ends(0)),
+                FromDevice::Packet(..) => Outcome::Ends(0),
+                FromDevice::Refusal(handshake) => self.after(handshake, Outcome::Ends(0)),
             },
         };
         match progress {
-            Progress::Ends(0) if self.stage == Stage::Data && number == 0 => {
+            Outcome::Ends(0) if self.stage == Stage::Data && number == 0 => {
                 self.stage = Stage::Status;
-                Progress::Goes
+                Outcome::Goes
             }
-            Progress::Ends(0) if number == 0 => {
+            Outcome::Ends(0) if number == 0 => {
                 known.follow(self.urb.setup);
-                Progress::Ends(0)
+                Outcome::Ends(0)
             }
             progress => progress,
         }
     }
 
     /// Returns what follows from the device's handshake, if that is not a refusal.
-    fn after(&mut self, handshake: Handshake, taken: Progress) -> Progress {
-        let silences = std::mem::take(&mut self.silences) + 1;
+    fn after(&mut self, handshake: Handshake, taken: Outcome) -> Outcome {
+        let unanswered = std::mem::take(&mut self.unanswered) + 1;
         match handshake {
             Handshake::Ack => taken,
-            Handshake::Nak => Progress::Waits,
-            Handshake::Stall => Progress::Ends(STALLED),
-            Handshake::Silence if silences >= MOST_SILENCES => Progress::Ends(SILENT),
+            Handshake::Nak => Outcome::Waits,
+            Handshake::Stall => Outcome::Ends(STALLED),
+            Handshake::Silence if unanswered >= MOST_UNANSWERED => Outcome::Ends(NO_ANSWER),
             Handshake::Silence => {
-                self.silences = silences;
-                Progress::Waits
+                self.unanswered = unanswered;
+                Outcome::Waits
             }
         }
     }
 
     /// Sends the request.
-    fn begin(&mut self, core: &mut Core, address: u8) -> Progress {
+    fn begin(&mut self, core: &mut Core, address: u8) -> Outcome {
         let handshake = core.setup(address, self.urb.setup);
-        let progress = self.after(handshake, Progress::Goes);
-        if progress == Progress::Goes {
+        let progress = self.after(handshake, Outcome::Goes);
+        if progress == Outcome::Goes {
             self.stage = if self.urb.wanted() == 0 {
                 Stage::Status
             } else {
@@ -277,38 +277,40 @@ impl Transfer {
     }
 
     /// Fetches a packet; endpoint 0 has its toggle in the transfer.
-    fn fetch(&mut self, core: &mut Core, address: u8, toggle: Option<&mut bool>) -> Progress {
+    fn fetch(&mut self, core: &mut Core, address: u8, toggle: Option<&mut bool>) -> Outcome {
         let (with, bytes) = match core.fetch(address, self.urb.endpoint) {
             FromDevice::Packet(with, bytes) => (with, bytes),
-            FromDevice::Refusal(handshake) => return self.after(handshake, Progress::Goes),
+            FromDevice::Refusal(handshake) => {
+                return self.after(handshake, Outcome::Goes);
+            }
         };
-        self.silences = 0;
+        self.unanswered = 0;
         let toggle = toggle.unwrap_or(&mut self.toggle);
         if with != *toggle {
             // The packet before, again.
-            return Progress::Waits;
+            return Outcome::Waits;
         }
         *toggle = !*toggle;
         let wanted = self.urb.wanted();
         let is_short = bytes.len() < PACKET_BYTES;
         if bytes.len() > wanted - self.moved {
-            return Progress::Ends(TOO_LONG);
+            return Outcome::Ends(TOO_LONG);
         }
         self.urb.data.extend_from_slice(&bytes);
         self.moved = self.urb.data.len();
         if self.moved == wanted {
-            Progress::Ends(0)
+            Outcome::Ends(0)
         } else if !is_short {
-            Progress::Goes
+            Outcome::Goes
         } else if self.urb.flags & SHORT_NOT_OK == 0 {
-            Progress::Ends(0)
+            Outcome::Ends(0)
         } else {
-            Progress::Ends(TOO_SHORT)
+            Outcome::Ends(TOO_SHORT)
         }
     }
 
     /// Sends a packet; endpoint 0 has its toggle in the transfer.
-    fn give(&mut self, core: &mut Core, address: u8, toggle: Option<&mut bool>) -> Progress {
+    fn give(&mut self, core: &mut Core, address: u8, toggle: Option<&mut bool>) -> Outcome {
         let rest = &self.urb.data[self.moved..self.urb.wanted().min(self.urb.data.len())];
         let packet = &rest[..rest.len().min(PACKET_BYTES)];
         let is_last = packet.len() == rest.len();
@@ -317,13 +319,13 @@ impl Transfer {
         let bytes = packet.len();
         let with = toggle.as_deref().copied().unwrap_or(self.toggle);
         let handshake = core.out(address, self.urb.endpoint, with, packet);
-        let progress = self.after(handshake, Progress::Goes);
-        if progress == Progress::Goes {
+        let progress = self.after(handshake, Outcome::Goes);
+        if progress == Outcome::Goes {
             let toggle = toggle.unwrap_or(&mut self.toggle);
             *toggle = !*toggle;
             self.moved += bytes;
             if is_last && !owes_empty {
-                return Progress::Ends(0);
+                return Outcome::Ends(0);
             }
         }
         progress
