@@ -1,6 +1,6 @@
-"""A USB host in pure Python at `cargo xtask sim --usbip`: what a driver of the port does, and a job.
+"""A USB host in pure Python at what serves a machine by USB/IP: what a driver of the port does, and a job.
 
-Gets the TCP port of the simulator and the file of the job. The package waits for the end of each transfer, so answers
+Gets the server's TCP port, the file of the job and the name of the device. The package waits for the end of each transfer, so answers
 are fetched where the next line would be more in flight than Grbl's senders have.
 """
 
@@ -34,14 +34,14 @@ class Port:
     def ask(self, kind, code, value, length):
         return bytes(self.device.control(kind, code, value, 0, length))
 
-    def enumerate(self):
+    def enumerate(self, name):
         """Reads all descriptors, and one that a device of one speed does not have."""
         configuration = self.ask(0x80, 6, 0x200, 255)
         check(len(configuration) == configuration[2] == 75, "the configuration is whole")
         check(configuration[4] == 2, "there are two interfaces")
         texts = [self.device.control(0x80, 6, 0x300 | index, 0x409, 255) for index in (1, 2, 3)]
         texts = [bytes(text)[2:].decode("utf-16-le") for text in texts]
-        check(texts[:2] == ["Leadscrew", "Leadscrew simulator"], texts)
+        check(texts[:2] == ["Leadscrew", name], texts)
         check(len(texts[2]) == 24, "the serial number is that of a chip")
         try:
             self.ask(0x80, 6, 0x600, 10)
@@ -100,7 +100,7 @@ class Port:
 
 
 def main():
-    number, job = sys.argv[1:]
+    number, job, name = sys.argv[1:]
     transport = USBIP("127.0.0.1", int(number))
     (listed,) = usbip.host.list_devices(transport)
     check((listed["busid"], listed["speed"]) == ("1-1", 2), listed)
@@ -108,7 +108,7 @@ def main():
     # The second time behind a plug that has been pulled.
     for attachment in ("the first", "the second"):
         port = Port(transport)
-        port.enumerate()
+        port.enumerate(name)
         check(port.open() == WELCOME, f"{attachment} attachment is welcomed")
         with open(job, "rb") as file:
             lines = [line.strip() + b"\n" for line in file]

@@ -7,8 +7,8 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_230),
     ("proof", 30_520),
     ("src", 39_050),
-    ("tests", 47_900),
-    ("xtask", 24_850),
+    ("tests", 48_100),
+    ("xtask", 24_900),
 ];
 
 /// How far a ceiling may be above the present count, so that ceilings are lowered with the code.

@@ -193,7 +193,7 @@ fn firmware(
 }
 
 /// The board whose image senders are tried at.
-const BOARD: &str = "btt-skr-2";
+pub(super) const BOARD: &str = "btt-skr-2";
 
 fn board(file: &Path, overrides: &[String]) -> Result<(Machine, OwnedFd, Settings)> {
     let loaded = settings::load(Some(file), overrides)?;
@@ -203,8 +203,8 @@ fn board(file: &Path, overrides: &[String]) -> Result<(Machine, OwnedFd, Setting
         .iter()
         .map(|it| format!("${it}"))
         .collect();
-    let mut command =
-        firmware::rehearsal::served(&board, "127.0.0.1:0", Some(&switches.join(",")))?;
+    let mut command = firmware::rehearsal::served(&board, "--tcp", "127.0.0.1:0")?;
+    command.args(["--switches", &switches.join(",")]);
     let command = command.stdin(Stdio::null()).stdout(Stdio::piped());
     let mut process = command.spawn().context("cannot start the virtual board")?;
     let output = process.stdout.take().context("it has no output")?;

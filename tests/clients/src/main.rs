@@ -254,7 +254,8 @@ fn all() -> impl Iterator<Item = Check> {
         })
     });
     senders.chain([
-        Check::new("USB/IP host at the simulator", usbip::host),
+        Check::new("USB/IP host at the simulator", usbip::simulator),
+        Check::new("USB/IP host at the virtual board", usbip::board),
         Check::new("the monitor's page", monitor::page),
         Check::new("the live page of a job", monitor::live_page),
         Check::new("the memory of the monitor's page", monitor::memory),

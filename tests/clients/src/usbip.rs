@@ -1,10 +1,10 @@
-//! `cargo xtask sim --usbip` and a USB host in pure Python: a job makes the steps that it makes without USB.
+//! Machines served by USB/IP and a USB host in pure Python: a job makes the same steps as without USB.
 
 use std::{
     fs,
-    io::{BufRead as _, BufReader, Read as _},
-    path::Path,
-    process::{Child, ChildStderr, Command, Stdio},
+    io::{BufRead as _, BufReader, PipeReader, Read as _, pipe},
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
 };
 
 use anyhow::{Context, Result, bail, ensure};
@@ -12,22 +12,14 @@ use common::{cargo, check::Verdict, tools};
 use rustix::process::{Pid, Signal};
 use serde_json::Value;
 
-use super::{INSTALLING, browser::run_output, install};
+use super::{INSTALLING, browser::run_output, install, machine::BOARD};
 
 /// The host, and its job.
 const SCRIPT: &str = "usbip_host.py";
 const JOB: &str = "examples/plate.nc";
-/// So fast that the job takes no longer than its feeds want.
-const SETTINGS: [&str; 6] = [
-    "$110=6000",
-    "$111=6000",
-    "$112=6000",
-    "$120=500",
-    "$121=500",
-    "$122=500",
-];
-/// The dwell before the first motion: the look-ahead is full when it begins, however busy this computer is.
-const DWELL: &str = "G4 P1\n";
+/// Settings so fast that the job takes no longer than its feeds want, and a dwell before the first motion, by whose
+/// end the look-ahead is full, however busy this computer is.
+const BEFORE: &str = "$110=6000\n$111=6000\n$112=6000\n$120=500\n$121=500\n$122=500\nG4P1\n";
 /// What is compared: `docs/json.md`.
 const FIGURES: [&str; 6] = [
     "lines",
@@ -37,25 +29,27 @@ const FIGURES: [&str; 6] = [
     "events",
     "event_hash",
 ];
+/// What the device is named that the simulator serves.
+const SIMULATOR: &str = "Leadscrew simulator";
 
-/// The simulator, until it is interrupted.
+/// What serves the device, until it is interrupted.
 struct Server {
     process: Child,
-    messages: BufReader<ChildStderr>,
+    messages: BufReader<PipeReader>,
     port: String,
 }
 
 impl Server {
-    fn start(figures: &Path) -> Result<Self> {
-        let mut command = simulator(figures)?;
-        let mut process = command
-            .args(["--usbip", "127.0.0.1:0"])
+    fn start(mut command: Command) -> Result<Self> {
+        let (messages, end) = pipe()?;
+        let process = command
             .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
+            .stdout(end.try_clone()?)
+            .stderr(end)
             .spawn()
-            .context("cannot start the simulator")?;
-        let messages = process.stderr.take().context("the simulator is mute")?;
+            .context("cannot start what serves the device")?;
+        // It has the other end of the pipe.
+        drop(command);
         let mut server = Self {
             process,
             messages: BufReader::new(messages),
@@ -64,7 +58,7 @@ impl Server {
         let mut printed = String::new();
         while server.port.is_empty() {
             if server.messages.read_line(&mut printed)? == 0 {
-                bail!("the simulator has ended: {}", printed.trim());
+                bail!("it has ended: {}", printed.trim());
             }
             let address = printed.split_once("usbip://127.0.0.1:");
             let port = address.and_then(|(_, rest)| rest.split_whitespace().next());
@@ -73,13 +67,13 @@ impl Server {
         Ok(server)
     }
 
-    /// Ends the simulator as Ctrl-C does. Returns its messages since it began to serve.
+    /// Ends it as Ctrl-C does. Returns its messages since it began to serve.
     fn end(mut self) -> Result<String> {
         self.interrupt();
         let mut printed = String::new();
         self.messages.read_to_string(&mut printed)?;
         let status = self.process.wait()?;
-        ensure!(status.success(), "the simulator: {}", printed.trim());
+        ensure!(status.success(), "the device: {}", printed.trim());
         Ok(printed)
     }
 
@@ -100,12 +94,45 @@ impl Drop for Server {
     }
 }
 
-/// The simulator with the settings of both runs, which writes its figures.
-fn simulator(figures: &Path) -> Result<Command> {
-    let mut command = tools::command(tools::SIM)?;
-    command.args(SETTINGS.iter().flat_map(|setting| ["--set", setting]));
-    command.arg("--json").arg(figures);
-    Ok(command)
+/// A host, and the files of its run.
+struct Host {
+    python: PathBuf,
+    folder: PathBuf,
+    job: PathBuf,
+}
+
+impl Host {
+    /// # Errors
+    /// Why there is none.
+    fn new(at: &str) -> Result<Result<Self, Verdict>> {
+        let installing = INSTALLING.lock();
+        let python = install::python();
+        drop(installing);
+        let python = match python {
+            Ok(python) => python,
+            Err(reason) => return Ok(Err(Verdict::Skipped(format!("{reason:#}")))),
+        };
+        let folder = install::folder().join(format!("usbip-host-{at}"));
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder)?;
+        let job = folder.join("job.nc");
+        let lines = fs::read_to_string(cargo::root().join(JOB))?;
+        fs::write(&job, format!("{BEFORE}{lines}"))?;
+        Ok(Ok(Self {
+            python,
+            folder,
+            job,
+        }))
+    }
+
+    /// Streams the job to a device of a name, and attaches the device once more. Returns what host and server say.
+    fn stream(&self, command: Command, name: &str) -> Result<[String; 2]> {
+        let server = Server::start(command)?;
+        let mut script = Command::new(&self.python);
+        script.arg(install::scripts().join(SCRIPT));
+        let answers = run_output(script.arg(&server.port).arg(&self.job).arg(name))?;
+        Ok([answers.trim().into(), server.end()?])
+    }
 }
 
 fn read(figures: &Path) -> Result<Value> {
@@ -113,28 +140,21 @@ fn read(figures: &Path) -> Result<Value> {
     serde_json::from_str(&text).with_context(|| format!("{} is no JSON", figures.display()))
 }
 
-/// The host streams the job, and attaches the device once more.
-pub(super) fn host() -> Result<Verdict> {
-    let installing = INSTALLING.lock();
-    let python = install::python();
-    drop(installing);
-    let python = match python {
-        Ok(python) => python,
-        Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
+/// The host at the simulator.
+pub(super) fn simulator() -> Result<Verdict> {
+    let host = match Host::new("sim")? {
+        Ok(host) => host,
+        Err(verdict) => return Ok(verdict),
     };
-    let folder = install::folder().join("usbip-host");
-    let _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(&folder)?;
-    let [job, with, without] = ["job.nc", "usb.json", "file.json"].map(|name| folder.join(name));
-    let lines = fs::read_to_string(cargo::root().join(JOB))?;
-    fs::write(&job, format!("{DWELL}{lines}"))?;
-    let server = Server::start(&with)?;
-    let mut script = Command::new(python);
-    script.arg(install::scripts().join(SCRIPT));
-    let printed = run_output(script.arg(&server.port).arg(&job))?;
-    let messages = server.end()?;
+    let [with, without] = ["usb.json", "file.json"].map(|name| host.folder.join(name));
+    let mut command = tools::command(tools::SIM)?;
+    command
+        .args(["--usbip", "127.0.0.1:0", "--json"])
+        .arg(&with);
+    let [lines, messages] = host.stream(command, SIMULATOR)?;
     ensure!(!messages.contains("warning"), "{messages}");
-    run_output(simulator(&without)?.arg(&job))?;
+    let mut command = tools::command(tools::SIM)?;
+    run_output(command.arg(&host.job).arg("--json").arg(&without))?;
     let (with, without) = (read(&with)?, read(&without)?);
     for figure in FIGURES {
         ensure!(
@@ -142,13 +162,29 @@ pub(super) fn host() -> Result<Verdict> {
             "{figure}: {} by USB, {} without (see {})",
             with[figure],
             without[figure],
-            folder.display()
+            host.folder.display()
         );
     }
     let hash = with["event_hash"].as_str().unwrap_or_default();
     let events = &with["events"];
     Ok(Verdict::Counted(format!(
-        "{}, {events} step events, hash {hash} as without USB",
-        printed.trim()
+        "{lines}, {events} step events, hash {hash} as without USB"
     )))
+}
+
+/// The host at the image of a board, as it is flashed, on its virtual chip.
+pub(super) fn board() -> Result<Verdict> {
+    let host = match Host::new("board")? {
+        Ok(host) => host,
+        Err(verdict) => return Ok(verdict),
+    };
+    let events = host.folder.join("events.csv");
+    let board = firmware::boards::named(BOARD)?;
+    let mut command = firmware::rehearsal::served(&board, "--usbip", "127.0.0.1:0")?;
+    command.arg("--against").arg(&events);
+    let mut trace = tools::command(tools::SIM)?;
+    run_output(trace.arg(&host.job).arg("--trace").arg(&events))?;
+    let [lines, messages] = host.stream(command, &board.title)?;
+    let steps = messages.trim().lines().last().unwrap_or_default();
+    Ok(Verdict::Counted(format!("{lines}, {steps}")))
 }

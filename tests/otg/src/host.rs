@@ -44,9 +44,9 @@ pub struct Host {
 }
 
 /// The endpoint of data.
-const DATA: usize = 1;
+pub const DATA_ENDPOINT: usize = 1;
 /// Bytes of a full packet.
-const PACKET: usize = 64;
+pub const PACKET_BYTES: usize = 64;
 /// Periods of the device in 50 ms, at the shortest that a driver may have.
 const MOST_PERIODS: usize = 100;
 
@@ -135,7 +135,7 @@ impl Host {
                 return Err(HostError::Toggle);
             }
             expected = !expected;
-            let is_short = bytes.len() < PACKET;
+            let is_short = bytes.len() < PACKET_BYTES;
             answer.extend(bytes);
             if is_short || answer.len() >= wanted {
                 break;
@@ -158,7 +158,7 @@ impl Host {
     ) -> Outcome<()> {
         self.setup(core, request, device)?;
         let mut toggle = true;
-        for packet in data.chunks(PACKET) {
+        for packet in data.chunks(PACKET_BYTES) {
             self.give(core, toggle, packet, device)?;
             toggle = !toggle;
         }
@@ -213,11 +213,11 @@ impl Host {
         let first_length = if system == System::MacOs {
             8
         } else {
-            PACKET as u16
+            PACKET_BYTES as u16
         };
         // The first read at address 0 ends behind its first packet.
         let first = self.read(core, request(0x80, 6, 0x100, 0, first_length), device)?;
-        if first.get(7) != Some(&(PACKET as u8)) {
+        if first.get(7) != Some(&(PACKET_BYTES as u8)) {
             return Err(HostError::TimedOut);
         }
         if system != System::MacOs {
@@ -346,19 +346,20 @@ impl Host {
 
     /// Offers a packet of data once. Returns whether the device has taken it.
     pub fn offer(&mut self, core: &mut Core, bytes: &[u8]) -> bool {
-        let is_taken = core.out(self.address, DATA, self.out_toggle, bytes) == Handshake::Ack;
+        let is_taken =
+            core.out(self.address, DATA_ENDPOINT, self.out_toggle, bytes) == Handshake::Ack;
         self.out_toggle ^= is_taken;
         is_taken
     }
 
     /// Offers a packet, and misses the acknowledgement: the host will offer it again.
     pub fn offer_unheard(&self, core: &mut Core, bytes: &[u8]) -> Handshake {
-        core.out(self.address, DATA, self.out_toggle, bytes)
+        core.out(self.address, DATA_ENDPOINT, self.out_toggle, bytes)
     }
 
     /// Asks for a packet of data once. A packet with the wrong toggle is the one before, again.
     pub fn take(&mut self, core: &mut Core) -> Option<Vec<u8>> {
-        let FromDevice::Packet(toggle, bytes) = core.fetch(self.address, DATA) else {
+        let FromDevice::Packet(toggle, bytes) = core.fetch(self.address, DATA_ENDPOINT) else {
             return None;
         };
         if toggle != self.in_toggle {

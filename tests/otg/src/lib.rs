@@ -11,5 +11,5 @@ mod host;
 pub use crate::{
     core::{Core, SetupEnd, Silicon, Version},
     endpoint::{FromDevice, Handshake},
-    host::{Host, HostError, System},
+    host::{DATA_ENDPOINT, Host, HostError, PACKET_BYTES, System},
 };

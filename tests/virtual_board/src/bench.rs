@@ -3,26 +3,31 @@
 use std::{
     collections::BTreeMap,
     net::TcpListener,
-    sync::Arc,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     time::{Duration, Instant},
 };
 
 use anyhow::{Context as _, Result};
 use board_data::{Board, Input, Wiring};
 use rigless::{
-    chip::uart::{Peer, TcpPeer},
+    chip::uart::TcpPeer,
     emulator::{self, Driver, Host, Settled, Start, Stop},
     image::Image,
     machine::Board as _,
     session::Session,
     time::VirtualNanos,
 };
+use signal_hook::consts::{SIGINT, SIGTERM};
+use usbip::Server;
 
 use crate::{
     bootloader,
     chip::FittedParts,
     machine::{Machine, WIRE},
-    plant::{Closes, Plant},
+    plant::{Closes, Plant, Step},
     program::Program,
     run::{Outcome, Run, STOP_INTERVAL_NS},
     script::Act,
@@ -40,6 +45,15 @@ pub(crate) enum Link {
     Uart,
     /// The OTG full-speed core of the chip.
     Usb,
+}
+
+/// What serves that link to somebody's sender.
+#[derive(Debug)]
+pub(crate) enum Line {
+    /// Bytes at a TCP address.
+    Tcp(TcpPeer),
+    /// A USB device, which clients attach.
+    UsbIp(Server),
 }
 
 /// A board and its firmware.
@@ -114,7 +128,8 @@ impl Bench {
     pub(crate) fn play(self: &Arc<Self>, script: Vec<Act>, is_protected: bool) -> Result<Outcome> {
         let listener = TcpListener::bind(("127.0.0.1", 0))?;
         let mut plant = Plant::new(self.wiring()?);
-        let machine = self.machine(&mut plant, Box::<Sender>::default(), is_protected)?;
+        let mut machine = self.machine(&mut plant, is_protected)?;
+        machine.attach_host(WIRE, Box::<Sender>::default());
         let mut start = self.start();
         start.debugger = Some(&listener);
         let mut session = Session::new(machine, 0, VirtualNanos(STOP_INTERVAL_NS))?;
@@ -128,26 +143,39 @@ impl Bench {
         Ok(outcome)
     }
 
-    /// Runs a board in the time of the wall clock, with its serial line at a TCP address. It has the memory protection
-    /// unit where RTT is served.
+    /// Runs a board in the time of the wall clock, with a line to its sender, until the program is to end. It has the
+    /// memory protection unit where RTT is served. Returns the steps at the pins, if they are wanted.
     pub(crate) fn serve(
         &self,
-        peer: TcpPeer,
+        line: Line,
         switches: &[(Input, Closes)],
         rtt: Option<&TcpListener>,
-    ) -> Result<()> {
+        wants_steps: bool,
+    ) -> Result<Option<Vec<Step>>> {
+        let is_ended = Arc::new(AtomicBool::new(false));
+        for signal in [SIGINT, SIGTERM] {
+            signal_hook::flag::register(signal, Arc::clone(&is_ended))?;
+        }
         let mut plant = Plant::new(self.wiring()?);
         for &(input, closes) in switches {
             plant.mount(input, closes);
         }
-        let mut machine = self.machine(&mut plant, Box::new(peer), rtt.is_some())?;
+        let mut machine = self.machine(&mut plant, rtt.is_some())?;
+        match line {
+            Line::Tcp(peer) => drop(machine.attach_host(WIRE, Box::new(peer))),
+            Line::UsbIp(server) => machine.chip.otg.export(server),
+        }
         machine.chip.flash.erase_ns = SERVED_ERASE_NS;
         let session = Session::new(machine, 0, VirtualNanos(STOP_INTERVAL_NS))?;
-        let began = Instant::now();
         let mut start = self.start();
         start.rtt = rtt;
-        emulator::run(session, &start, Served { plant, began })?;
-        Ok(())
+        let served = Served {
+            plant,
+            began: Instant::now(),
+            steps: wants_steps.then(Vec::new),
+            is_ended,
+        };
+        Ok(emulator::run(session, &start, served)?.driver.steps)
     }
 
     fn start(&self) -> Start<'_> {
@@ -156,17 +184,11 @@ impl Bench {
         start
     }
 
-    fn machine(
-        &self,
-        plant: &mut Plant,
-        peer: Box<dyn Peer>,
-        is_protected: bool,
-    ) -> Result<Box<Machine>> {
+    fn machine(&self, plant: &mut Plant, is_protected: bool) -> Result<Box<Machine>> {
         let fitted = FittedParts::of(&self.board);
         let link = self.link();
         let mut machine = Machine::new(&self.board, self.wiring()?, link, fitted, is_protected)?;
         plant.connect(&mut machine.chip);
-        machine.attach_host(WIRE, peer);
         Ok(Box::new(machine))
     }
 }
@@ -175,12 +197,17 @@ impl Bench {
 struct Served {
     plant: Plant,
     began: Instant,
+    steps: Option<Vec<Step>>,
+    is_ended: Arc<AtomicBool>,
 }
 
 impl Driver<Machine> for Served {
     fn on_settled(&mut self, session: &mut Session<Machine>, _: &mut dyn Host, _: Settled) {
         let chip = &mut session.board_mut().chip;
         self.plant.follow(chip);
+        if let Some(steps) = &mut self.steps {
+            steps.append(&mut self.plant.steps);
+        }
         // Nobody asks for it, however long the board runs.
         self.plant.forget();
         chip.flash.changes.clear();
@@ -193,6 +220,9 @@ impl Driver<Machine> for Served {
         stop: Stop,
         _: &mut dyn Host,
     ) -> Option<VirtualNanos> {
+        if self.is_ended.load(Ordering::Relaxed) {
+            return None;
+        }
         let ahead = Duration::from_nanos(stop.at.0).checked_sub(self.began.elapsed());
         if let Some(ahead) = ahead {
             std::thread::sleep(ahead);

@@ -28,12 +28,11 @@ use std::{
 };
 
 use anyhow::{Context as _, Result, bail};
-use board_data::{Board, Input};
+use board_data::Board;
 use rigless::{chip::uart::TcpPeer, image::Image};
 
 use crate::{
-    bench::Bench,
-    plant::Closes,
+    bench::{Bench, Line, Link},
     program::{Lines, Program},
     rehearsal::Job,
 };
@@ -50,9 +49,11 @@ struct Options {
     /// Only what matters most.
     is_short: bool,
     shows_lines: bool,
-    /// The address at which the serial line is served, and settings by which switches are mounted then.
-    tcp: Option<String>,
+    /// The address at which the line to the sender is served, and whether by USB/IP.
+    served: Option<(String, bool)>,
+    /// Settings by which switches are mounted then, and the step events that are compared with those of the pins.
     switches: Option<Vec<String>>,
+    against: Option<PathBuf>,
     /// RTT is served at another one.
     has_rtt: bool,
 }
@@ -83,7 +84,9 @@ impl Options {
             "--elf" => self.elf = value.into(),
             "--file" => self.file = Some(value.into()),
             "--job" => self.jobs.push(Job::read(&value)?),
-            "--tcp" => self.tcp = Some(value),
+            "--tcp" => self.served = Some((value, false)),
+            "--usbip" => self.served = Some((value, true)),
+            "--against" => self.against = Some(value.into()),
             "--switches" => self.switches = Some(value.split(',').map(str::to_owned).collect()),
             other => bail!("{other} is no option"),
         }
@@ -113,49 +116,75 @@ fn run() -> Result<ExitCode> {
         shows_lines: options.shows_lines,
         board,
     };
-    if let Some(address) = &options.tcp {
+    if let Some((address, is_usbip)) = &options.served {
         bench.images = vec![
             Image::read(&options.elf, None)?,
             chip::memory::made(&bench.board)?,
         ];
         bench.boot = bench.vectors();
-        let settings = options.switches.as_deref();
-        let switches = settings.map(|it| rehearsal::switches(it, bench.axes));
-        serve(
-            &bench,
-            address,
-            &switches.unwrap_or_default(),
-            options.has_rtt,
-        )?;
-        return Ok(ExitCode::SUCCESS);
+        let is_right = serve(&bench, address, *is_usbip, &options)?;
+        return Ok(exit_code(is_right));
     }
     bench.images = rehearsal::images(&bench, &options.elf, options.file.as_deref())?;
     let lines = Lines::read(&options.elf)?;
     let is_right = rehearsal::play(&Arc::new(bench), &lines, &options.jobs, options.is_short)?;
-    Ok(if is_right {
+    Ok(exit_code(is_right))
+}
+
+fn exit_code(is_right: bool) -> ExitCode {
+    if is_right {
         ExitCode::SUCCESS
     } else {
         ExitCode::FAILURE
-    })
+    }
 }
 
-/// Serves a board's serial line at an address, until the program is ended.
-fn serve(bench: &Bench, address: &str, switches: &[(Input, Closes)], has_rtt: bool) -> Result<()> {
+/// Serves a board's line to its sender at an address, until the program is to end. Returns whether the steps at the
+/// pins are those that they are compared with.
+fn serve(bench: &Bench, address: &str, is_usbip: bool, options: &Options) -> Result<bool> {
     let (host, port) = address
         .rsplit_once(':')
         .context("an address is HOST:PORT")?;
     if !matches!(host, "127.0.0.1" | "localhost") {
         bail!("a virtual board is served to this computer alone: 127.0.0.1:{port}");
     }
-    let peer = TcpPeer::listen(port.parse().context("a port is a number")?)?;
-    println!(
-        "{} is served at 127.0.0.1:{}",
-        bench.board.title,
-        peer.port()?
-    );
-    let rtt = has_rtt.then(|| TcpListener::bind((host, 0))).transpose()?;
+    let port = port.parse().context("a port is a number")?;
+    let title = &bench.board.title;
+    let line = if is_usbip {
+        if bench.link() == Link::Uart {
+            bail!("{title} has its sender at a UART: --tcp serves that");
+        }
+        let listener = TcpListener::bind((host, port));
+        let listener = listener.with_context(|| format!("cannot listen at {address}"))?;
+        let address = listener.local_addr()?;
+        println!("{title} is served at usbip://{address}");
+        println!("Attach by {}", usbip::command(address));
+        Line::UsbIp(usbip::Server::new(listener)?)
+    } else {
+        let peer = TcpPeer::listen(port)?;
+        println!("{title} is served at 127.0.0.1:{}", peer.port()?);
+        Line::Tcp(peer)
+    };
+    let rtt = options.has_rtt.then(|| TcpListener::bind((host, 0)));
+    let rtt = rtt.transpose()?;
     if let Some(rtt) = &rtt {
         println!("RTT is served at {}", rtt.local_addr()?);
     }
-    bench.serve(peer, switches, rtt.as_ref())
+    let settings = options.switches.as_deref();
+    let switches = settings.map(|it| rehearsal::switches(it, bench.axes));
+    let switches = switches.unwrap_or_default();
+    let wants_steps = options.against.is_some();
+    let steps = bench.serve(line, &switches, rtt.as_ref(), wants_steps)?;
+    let (Some(steps), Some(events)) = (steps, &options.against) else {
+        return Ok(true);
+    };
+    let difference = job::difference(&steps, events)?;
+    match &difference {
+        None => println!(
+            "all {} steps at the pins are those of the file",
+            steps.len()
+        ),
+        Some(difference) => println!("{difference}"),
+    }
+    Ok(difference.is_none())
 }

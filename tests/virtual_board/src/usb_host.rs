@@ -8,14 +8,14 @@ use std::{
     sync::mpsc::{Receiver, Sender, channel},
 };
 
-use otg::{Core, Host, HostError, Silicon, System};
+use otg::{Core, Host, HostError, PACKET_BYTES, Silicon, System};
+use usbip::Server;
 
 /// How often the host runs, µs: the shortest period that a driver may have, for which `otg::Host` waits.
 pub(crate) const PERIOD_US: u64 = 500;
 /// Periods of a frame, and the packets of 64 bytes for which a frame has room: USB 2.0, table 5-9.
 const FRAME_PERIODS: usize = 2;
 const FRAME_PACKETS: usize = 19;
-const PACKET_BYTES: usize = 64;
 /// Periods without a start of frame after which a device is suspended, 3 ms: USB 2.0 7.1.7.6.
 const SUSPEND_PERIODS: usize = 6;
 /// Periods for which a resume is signalled, 20 ms: USB 2.0 7.1.7.7.
@@ -77,8 +77,17 @@ pub(crate) struct Cable {
 }
 
 impl Cable {
-    /// A cable to a host with some system, at a chip of some silicon.
+    /// A cable from a chip of some silicon to a host with some system.
     pub(crate) fn new(system: System, silicon: Silicon) -> Self {
+        Self::to(silicon, system, Bus::live)
+    }
+
+    /// A cable to this computer, which has clients elsewhere.
+    pub(crate) fn exported(server: Server, silicon: Silicon) -> Self {
+        Self::to(silicon, System::Linux, |bus| bus.export(server))
+    }
+
+    fn to(silicon: Silicon, system: System, host: impl FnOnce(Bus) + Send + 'static) -> Self {
         let (to_host, from_chip) = channel();
         let (to_chip, from_host) = channel();
         let bus = Bus {
@@ -88,7 +97,7 @@ impl Cable {
             to_chip,
             is_alone: false,
         };
-        std::thread::spawn(move || bus.live());
+        std::thread::spawn(move || host(bus));
         Self {
             port: Port::of(system),
             silicon,
@@ -206,6 +215,30 @@ impl Bus {
         }
         // A host tries again, and not at once.
         self.wait(core);
+    }
+
+    /// Has clients elsewhere use whatever is plugged in, as long as it is there.
+    fn export(mut self, mut server: Server) {
+        let mut core = Core::new(self.silicon);
+        self.begin(&mut core);
+        while !self.is_alone {
+            self.wait(&mut core);
+            if !core.is_connected() {
+                continue;
+            }
+            let resets = self.port.chip_resets;
+            let mut answered = server.plug(&mut core, &mut |core| self.wait(core));
+            while answered.is_ok() && self.is_there(resets, &core) {
+                answered = server.read(&mut core, &mut |core| self.wait(core));
+                server.run(&mut core, &mut |_| ());
+                server.write(&mut core);
+                for (word, sentence) in server.events.drain(..) {
+                    println!("{word} {sentence}");
+                }
+                self.wait(&mut core);
+            }
+            server.detach(&mut core, "the device is off the bus");
+        }
     }
 
     fn is_there(&self, resets: usize, core: &Core) -> bool {

@@ -25,11 +25,17 @@ pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
         Verb::Import(options) => import(&options.printer),
         Verb::Run(options) => {
             let board = firmware::boards::named(&options.board)?;
-            cargo::wait(&mut rehearsal::served(
-                &board,
-                &options.tcp,
-                options.switches.then_some(""),
-            )?)?;
+            let lines = [("--tcp", &options.tcp), ("--usbip", &options.usbip)];
+            let mut lines = { lines.iter() }.filter_map(|(by, at)| Some((by, at.as_ref()?)));
+            let (by, address) = lines.next().context("no line is given")?;
+            let mut command = rehearsal::served(&board, by, address)?;
+            if options.switches {
+                command.args(["--switches", ""]);
+            }
+            if let Some(events) = &options.against {
+                command.arg("--against").arg(&**events);
+            }
+            cargo::wait(&mut command)?;
             Ok(ExitCode::SUCCESS)
         }
     }

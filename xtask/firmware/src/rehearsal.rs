@@ -62,13 +62,10 @@ pub fn rehearse(board: &Board, options: Options<'_>) -> Result<String> {
     Ok(text.trim_end().to_owned())
 }
 
-/// What serves a board to a sender at an address, with switches where settings such as `$130=100,$131=100` want them.
-pub fn served(board: &Board, address: &str, switches: Option<&str>) -> Result<Command> {
+/// What serves a board to a sender at an address, by `--tcp` or `--usbip`.
+pub fn served(board: &Board, by: &str, address: &str) -> Result<Command> {
     let (_, mut command) = virtual_board(board, &cargo::target_dir())?;
-    command.args(["--tcp", address]);
-    if let Some(settings) = switches {
-        command.args(["--switches", settings]);
-    }
+    command.args([by, address]);
     Ok(command)
 }
 

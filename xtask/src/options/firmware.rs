@@ -49,17 +49,25 @@ pub enum Board {
 /// The image that is flashed runs on models of the chip's registers, in real time, until Ctrl-C. Each run begins with a
 /// new board: what is stored is gone with it.
 #[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("line").required(true).args(["tcp", "usbip"]))]
 pub struct BoardRun {
     /// The board
     #[arg(value_name = "BOARD")]
     pub board: String,
     /// Where the sender connects, on this computer: `127.0.0.1:2323`
     #[arg(long, value_name = "ADDR:PORT")]
-    pub tcp: String,
+    pub tcp: Option<String>,
+    /// Serve the board as the USB device that it is, to hosts that speak USB/IP, on this computer: `127.0.0.1:3240`
+    #[arg(long, value_name = "ADDR:PORT")]
+    pub usbip: Option<String>,
     /// Give the machine limit switches at the ends of a travel of 200 mm, in whose middle it stands, and a probe plate
     /// 10 mm above the low end of Z
     #[arg(long)]
     pub switches: bool,
+    /// At the end, compare the steps at the pins with a file that `sim --trace` has written; the exit status is 1 when
+    /// they differ
+    #[arg(long, value_name = "STEPS.csv")]
+    pub against: Option<InputPath>,
 }
 
 /// Test the firmware of a board on its virtual chip: all that can be tried without the board

@@ -16,6 +16,7 @@ use rigless::{
     },
     time::{EventId, VirtualNanos},
 };
+use usbip::Server;
 
 use crate::usb_host::{Cable, HostAction, PERIOD_US};
 
@@ -39,11 +40,11 @@ pub(super) fn window() -> Window {
     Window::new("OTG_FS", BASE, bytes).gated(Gate::by("RCC", "AHB2ENR", "OTGFSEN"))
 }
 
-/// What is at the cable: a host, and the program at its port.
+/// What is at the cable: a host, and the program at its port, if it is not elsewhere.
 #[derive(Debug)]
 struct Plugged {
     cable: Cable,
-    program: Box<dyn Peer>,
+    program: Option<Box<dyn Peer>>,
 }
 
 /// The core, and what it is plugged into.
@@ -85,14 +86,24 @@ impl Otg {
 
     /// Plugs the cable into a host, at whose port a program is.
     pub(crate) fn plug(&mut self, system: System, program: Box<dyn Peer>) {
-        let cable = Cable::new(system, self.core.silicon());
-        self.plugged = Some(Plugged { cable, program });
+        self.plugged = Some(Plugged {
+            cable: Cable::new(system, self.core.silicon()),
+            program: Some(program),
+        });
+    }
+
+    /// Plugs the cable into this computer, which has clients elsewhere.
+    pub(crate) fn export(&mut self, server: Server) {
+        self.plugged = Some(Plugged {
+            cable: Cable::exported(server, self.core.silicon()),
+            program: None,
+        });
     }
 
     /// The program at the host's port.
     pub(crate) fn program_mut(&mut self) -> Option<&mut dyn Peer> {
         let plugged = self.plugged.as_mut()?;
-        Some(plugged.program.as_mut())
+        Some(plugged.program.as_mut()?.as_mut())
     }
 
     /// That program, if it is of a type.
@@ -165,13 +176,15 @@ impl Otg {
         }
         self.host_us = self.now_us - self.now_us % PERIOD_US + PERIOD_US;
         while cable.port.has_room()
-            && let Some(word) = program.transmit(context.now())
+            && let Some(word) = { program.as_mut() }.and_then(|it| it.transmit(context.now()))
         {
             cable.port.outgoing.push_back(word as u8);
         }
         cable.run_host(&mut self.core);
         for byte in cable.port.incoming.drain(..) {
-            program.receive(byte.into(), &mut Timeline::new(context));
+            if let Some(program) = program {
+                program.receive(byte.into(), &mut Timeline::new(context));
+            }
         }
     }
 }

@@ -4,22 +4,13 @@ use std::{
     io::Write as _,
     net::{SocketAddr, TcpListener, TcpStream},
     os::fd::{AsFd as _, BorrowedFd},
-    time::Duration,
 };
 
 use anyhow::{Context, Result};
 use common::ui;
-use rustix::net::sockopt::{
-    set_socket_keepalive, set_tcp_keepcnt, set_tcp_keepidle, set_tcp_keepintvl,
-};
 use simulation::holder;
 
 use super::Port;
-
-/// A sender that has gone without saying so is noticed after so long, and so many questions.
-const SILENCE: Duration = Duration::from_secs(10);
-const QUESTION: Duration = Duration::from_secs(5);
-const QUESTIONS: u32 = 3;
 
 /// A listening socket and the sender that is connected.
 pub(crate) struct Tcp {
@@ -66,7 +57,7 @@ impl Port for Tcp {
                 ui::status("Refused", &format!("{from}: {holder} is connected"));
                 // Who has gone already need not know.
                 let _ = write!(stream, "[MSG:In use by {holder}]\r\n");
-            } else if prepare(&stream).is_ok() {
+            } else if usbip::prepare(&stream).is_ok() {
                 ui::status("Connected", &from.to_string());
                 self.sender = Some((stream, from));
             }
@@ -93,15 +84,4 @@ pub(super) fn listen(address: &str, example: &str) -> Result<TcpListener> {
     })?;
     listener.set_nonblocking(true)?;
     Ok(listener)
-}
-
-/// Sends bytes at once, and notices a computer that is gone.
-pub(super) fn prepare(stream: &TcpStream) -> std::io::Result<()> {
-    stream.set_nonblocking(true)?;
-    stream.set_nodelay(true)?;
-    set_socket_keepalive(stream, true)?;
-    set_tcp_keepidle(stream, SILENCE)?;
-    set_tcp_keepintvl(stream, QUESTION)?;
-    set_tcp_keepcnt(stream, QUESTIONS)?;
-    Ok(())
 }

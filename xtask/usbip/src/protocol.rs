@@ -3,10 +3,10 @@
 use anyhow::{Result, ensure};
 use otg::Host;
 
-use super::transfers::Urb;
+use crate::transfers::Urb;
 
 /// The bus and the number on it under which the device is exported.
-pub(super) const BUS_ID: &str = "1-1";
+pub const BUS_ID: &str = "1-1";
 const BUS: u32 = 1;
 const DEVICE: u32 = 2;
 /// Where a Linux host would have found it.
@@ -30,20 +30,20 @@ const BUS_ID_BYTES: usize = 32;
 const PATH_BYTES: usize = 256;
 const COMMAND_BYTES: usize = 48;
 /// Bytes of a transfer at most: more than any driver asks for.
-pub(super) const LONGEST_TRANSFER: usize = 1 << 20;
+pub(crate) const LONGEST_TRANSFER: usize = 1 << 20;
 /// What stands for the number of packets where a transfer is not isochronous, beside 0.
 const NOT_ISOCHRONOUS: u32 = u32::MAX;
 
 /// Why a device cannot be imported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Refusal {
+pub(crate) enum Refusal {
     Busy = 2,
     NoDevice = 4,
 }
 
 /// What a client wants that has no device.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Operation {
+pub(crate) enum Operation {
     List,
     /// The device of a bus.
     Import(String),
@@ -51,7 +51,7 @@ pub(super) enum Operation {
 
 /// What a client wants of its device.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Command {
+pub(crate) enum Command {
     Submit(Urb),
     /// The transfer `of` is given up.
     Unlink {
@@ -71,7 +71,7 @@ fn word(bytes: &[u8], at: usize) -> u32 {
 ///
 /// # Errors
 /// It is none.
-pub(super) fn take_operation(received: &mut Vec<u8>) -> Result<Option<Operation>> {
+pub(crate) fn take_operation(received: &mut Vec<u8>) -> Result<Option<Operation>> {
     if received.len() < OPERATION_BYTES {
         return Ok(None);
     }
@@ -105,7 +105,7 @@ pub(super) fn take_operation(received: &mut Vec<u8>) -> Result<Option<Operation>
 ///
 /// # Errors
 /// It is none.
-pub(super) fn take_command(received: &mut Vec<u8>) -> Result<Option<Command>> {
+pub(crate) fn take_command(received: &mut Vec<u8>) -> Result<Option<Command>> {
     if received.len() < COMMAND_BYTES {
         return Ok(None);
     }
@@ -197,7 +197,7 @@ fn interfaces(configuration: &[u8]) -> Vec<u8> {
 }
 
 /// Returns the list of devices, which has one.
-pub(super) fn listed(host: &Host) -> Vec<u8> {
+pub(crate) fn listed(host: &Host) -> Vec<u8> {
     let mut bytes = reply(LIST_REPLY, 0);
     bytes.extend(1_u32.to_be_bytes());
     bytes.extend(device(host));
@@ -206,14 +206,14 @@ pub(super) fn listed(host: &Host) -> Vec<u8> {
 }
 
 /// Returns what a client hears whose device this is from now on.
-pub(super) fn imported(host: &Host) -> Vec<u8> {
+pub(crate) fn imported(host: &Host) -> Vec<u8> {
     let mut bytes = reply(IMPORT_REPLY, 0);
     bytes.extend(device(host));
     bytes
 }
 
 /// Returns what a client hears that does not get the device.
-pub(super) fn refused(refusal: Refusal) -> Vec<u8> {
+pub(crate) fn refused(refusal: Refusal) -> Vec<u8> {
     reply(IMPORT_REPLY, refusal as u32)
 }
 
@@ -228,7 +228,7 @@ fn answer(code: u32, number: u32, status: i32, length: usize) -> Vec<u8> {
 }
 
 /// Returns the answer to a transfer that has ended.
-pub(super) fn submitted(urb: &Urb, status: i32, moved: usize) -> Vec<u8> {
+pub(crate) fn submitted(urb: &Urb, status: i32, moved: usize) -> Vec<u8> {
     let mut bytes = answer(SUBMITTED, urb.number, status, moved);
     if urb.is_in {
         bytes.extend_from_slice(&urb.data);
@@ -237,6 +237,6 @@ pub(super) fn submitted(urb: &Urb, status: i32, moved: usize) -> Vec<u8> {
 }
 
 /// Returns the answer to a client that gives a transfer up.
-pub(super) fn unlinked(number: u32, status: i32) -> Vec<u8> {
+pub(crate) fn unlinked(number: u32, status: i32) -> Vec<u8> {
     answer(UNLINKED, number, status, 0)
 }

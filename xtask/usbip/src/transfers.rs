@@ -2,19 +2,18 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use leadscrew::usb::PACKET_BYTES;
-use otg::{Core, FromDevice, Handshake};
+use otg::{Core, FromDevice, Handshake, PACKET_BYTES};
 
 /// Why a transfer has failed, as Linux numbers it: `errno` with a minus.
-pub(super) const STALLED: i32 = -32;
+const STALLED: i32 = -32;
 const NO_ANSWER: i32 = -71;
 const TOO_LONG: i32 = -75;
-pub(super) const UNLINKED: i32 = -104;
+pub(crate) const UNLINKED: i32 = -104;
 const TOO_SHORT: i32 = -121;
 
 /// Flags of a transfer: a short packet is an error; a full last packet is followed by an empty one.
 const SHORT_NOT_OK: u32 = 0x01;
-pub(super) const ZERO_PACKET: u32 = 0x40;
+const ZERO_PACKET: u32 = 0x40;
 
 /// Periods in a row without an answer of the device that end a transfer, as host controllers have it.
 const MOST_UNANSWERED: u8 = 3;
@@ -32,17 +31,17 @@ const SET_INTERFACE: u8 = 11;
 
 /// A transfer as a driver submits it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Urb {
-    pub(super) number: u32,
-    pub(super) is_in: bool,
-    pub(super) endpoint: usize,
-    pub(super) flags: u32,
+pub(crate) struct Urb {
+    pub(crate) number: u32,
+    pub(crate) is_in: bool,
+    pub(crate) endpoint: usize,
+    pub(crate) flags: u32,
     /// The request, on endpoint 0.
-    pub(super) setup: [u8; 8],
+    pub(crate) setup: [u8; 8],
     /// Bytes that it moves, at most.
-    pub(super) length: usize,
+    pub(crate) length: usize,
     /// To the device; from it, what has come.
-    pub(super) data: Vec<u8>,
+    pub(crate) data: Vec<u8>,
 }
 
 impl Urb {
@@ -76,11 +75,11 @@ impl Urb {
 
 /// A transfer that has ended.
 #[derive(Debug)]
-pub(super) struct Finished {
-    pub(super) urb: Urb,
-    pub(super) status: i32,
+pub(crate) struct Finished {
+    pub(crate) urb: Urb,
+    pub(crate) status: i32,
     /// Bytes that it has moved.
-    pub(super) moved: usize,
+    pub(crate) moved: usize,
 }
 
 /// Part of a transfer.
@@ -122,7 +121,7 @@ struct HostState {
 
 /// The transfers of a host with its device.
 #[derive(Debug, Default)]
-pub(super) struct Transfers {
+pub(crate) struct Transfers {
     known: HostState,
     /// By endpoint and direction: each of them has its turn.
     queues: BTreeMap<(usize, bool), VecDeque<Transfer>>,
@@ -130,7 +129,7 @@ pub(super) struct Transfers {
 
 impl Transfers {
     /// None, with a device that has an address and no configuration.
-    pub(super) fn new(address: u8) -> Self {
+    pub(crate) fn new(address: u8) -> Self {
         let known = HostState {
             address,
             ..HostState::default()
@@ -142,12 +141,12 @@ impl Transfers {
     }
 
     /// How many wait.
-    pub(super) fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.queues.values().map(VecDeque::len).sum()
     }
 
     /// Begins a transfer behind those of its endpoint.
-    pub(super) fn submit(&mut self, urb: Urb) {
+    pub(crate) fn submit(&mut self, urb: Urb) {
         let queue = (urb.endpoint, urb.is_in && !urb.is_control());
         let transfer = Transfer {
             stage: if urb.is_control() {
@@ -164,7 +163,7 @@ impl Transfers {
     }
 
     /// Gives a transfer up. Returns false if it has ended.
-    pub(super) fn unlink(&mut self, number: u32) -> bool {
+    pub(crate) fn unlink(&mut self, number: u32) -> bool {
         let before = self.count();
         for queue in self.queues.values_mut() {
             queue.retain(|transfer| transfer.urb.number != number);
@@ -173,7 +172,7 @@ impl Transfers {
     }
 
     /// Does what is possible within a period. Returns the transfers that have ended.
-    pub(super) fn step(&mut self, core: &mut Core) -> Vec<Finished> {
+    pub(crate) fn step(&mut self, core: &mut Core) -> Vec<Finished> {
         let mut ended = Vec::new();
         for queue in self.queues.values_mut() {
             while let Some(transfer) = queue.front_mut() {
