@@ -60,6 +60,12 @@ pub struct Board {
     pub bootloader_kib: u32,
     /// The name of the file that the bootloader looks for on the SD card.
     pub bootloader_file: Option<String>,
+    /// The family of chips in the UF2 files that the bootloader takes.
+    pub uf2_family: Option<u32>,
+    /// Whether the chip's own bootloader can be started and reached over USB (DFU).
+    pub has_dfu: bool,
+    /// The name of the drive to which a debug probe on the board writes.
+    pub drive: Option<String>,
     /// What is printed beside pins on the board.
     pub labels: BTreeMap<Pin, String>,
     /// What differs with three axes, four and so on.
@@ -111,6 +117,8 @@ impl Board {
         let (crystal_mhz, is_crystal_bypassed) = crystal(&mut entries, chip, &place)?;
         let qemu = entries.take("qemu");
         let bootloader = Bootloader::read(&mut entries, &place)?;
+        let dfu = entries.take("dfu");
+        let drive = entries.take("drive");
         let labels = labels(&mut entries, part)?;
         let wirings = wirings(&mut entries, chip, part, &place)?;
         if let Some(entry) = &qemu {
@@ -121,13 +129,13 @@ impl Board {
             Ok(Variant { wiring, memory })
         });
         let variants = variants.collect::<Result<_, Fault>>()?;
-        let others = ["name", "bootloader.kib", "bootloader.file"];
+        let others = [
+            "name",
+            "bootloader.kib",
+            "bootloader.file",
+            "bootloader.uf2",
+        ];
         entries.refuse_rest(&[&TOP[..], &others].concat())?;
-        let text = |entry: Option<Entry>| {
-            entry
-                .map(|entry| entry.text().map(str::to_owned))
-                .transpose()
-        };
         Ok(Self {
             name: file
                 .file_stem()
@@ -136,7 +144,7 @@ impl Board {
                 .into(),
             file: file.to_owned(),
             title: checked_title(&title)?,
-            about: text(about)?.unwrap_or_default(),
+            about: text(about.as_ref())?.unwrap_or_default(),
             sources: match sources {
                 Some(entry) => entry.texts()?.to_vec(),
                 None => Vec::new(),
@@ -146,9 +154,12 @@ impl Board {
             part: part.clone(),
             crystal_mhz,
             is_crystal_bypassed,
-            qemu: text(qemu)?,
+            qemu: text(qemu.as_ref())?,
             bootloader_kib: bootloader.kib,
             bootloader_file: bootloader.file,
+            uf2_family: bootloader.uf2_family,
+            has_dfu: dfu.map_or(Ok(false), |entry| entry.truth())?,
+            drive: text(drive.as_ref())?,
             labels,
             variants,
         })
@@ -215,6 +226,11 @@ impl Board {
     fn variant(&self, axes: usize) -> &Variant {
         &self.variants[axes.clamp(FEWEST_AXES, self.most_axes()) - FEWEST_AXES]
     }
+}
+
+/// Reads a text that may be left out.
+fn text(entry: Option<&Entry>) -> Result<Option<String>, Fault> {
+    { entry.map(Entry::text).transpose() }.map(|text| text.map(str::to_owned))
 }
 
 /// Refuses an emulator for a board with something that it lacks.
@@ -328,6 +344,7 @@ fn crystal(entries: &mut Entries, chip: &Chip, file: &Place) -> Result<(u32, boo
 struct Bootloader {
     kib: u32,
     file: Option<String>,
+    uf2_family: Option<u32>,
     place: Place,
 }
 
@@ -340,18 +357,23 @@ impl Bootloader {
         }
         let kib = entries.take("bootloader.kib");
         let name = entries.take("bootloader.file");
+        let uf2 = entries.take("bootloader.uf2");
         let (place, kib) = match kib {
             Some(entry) => (entry.place.clone(), entry.number()?),
             None => (file.clone(), 0),
         };
         if kib == 0
-            && let Some(entry) = name
+            && let Some(entry) = name.as_ref().or(uf2.as_ref())
         {
             let message = "a file for a bootloader of 0 KiB: `bootloader.kib` is what the bootloader has before the program";
             return Err(entry.place.fault(message));
         }
-        let file = name.map(|entry| file_name(&entry)).transpose()?;
-        Ok(Self { kib, file, place })
+        Ok(Self {
+            kib,
+            file: name.map(|entry| file_name(&entry)).transpose()?,
+            uf2_family: uf2.map(|entry| entry.number()).transpose()?,
+            place,
+        })
     }
 
     /// Returns where program and settings are behind it.

@@ -174,6 +174,7 @@ impl Entries {
         let kib = nearer.get("bootloader.kib");
         if kib.is_some_and(|entry| entry.value == Value::Number(0)) {
             self.take("bootloader.file");
+            self.take("bootloader.uf2");
         }
     }
 
@@ -316,7 +317,7 @@ const TABLES: [&str; 8] = [
     "with_4_axes and more",
 ];
 /// Keys that stand above the tables, but for `name`.
-pub(crate) const TOP: [&str; 11] = [
+pub(crate) const TOP: [&str; 13] = [
     "about",
     "like",
     "sources",
@@ -326,6 +327,8 @@ pub(crate) const TOP: [&str; 11] = [
     "qemu",
     "link",
     "bootloader",
+    "dfu",
+    "drive",
     "debug_pins",
     "polled",
 ];

@@ -221,6 +221,30 @@ const WRONG: &[(&str, &str, usize, &str)] = &[
         "a file for a bootloader of 0 KiB",
     ),
     (
+        "[labels]",
+        "[bootloader]\nuf2 = 0x57755a57\n[labels]",
+        25,
+        "a file for a bootloader of 0 KiB",
+    ),
+    (
+        "[labels]",
+        "[bootloader]\nkib = 32\nuf2 = \"0x57755a57\"\n[labels]",
+        26,
+        "a whole number is wanted here",
+    ),
+    (
+        "crystal_mhz = 12",
+        "crystal_mhz = 12\ndfu = 1",
+        4,
+        "`true` or `false` is wanted here",
+    ),
+    (
+        "crystal_mhz = 12",
+        "crystal_mhz = 12\ndrive = true",
+        4,
+        "a text is wanted here",
+    ),
+    (
         "crystal_mhz = 12",
         "crystal_mhz = 12\nbootloader = 32",
         4,
@@ -673,6 +697,14 @@ fn without_the_bootloader_of_another_board_there_is_no_file_for_it() {
         assert_eq!(board.bootloader_file.as_deref(), file, "{name}");
         assert_eq!(board.bootloader_kib == 0, file.is_none(), "{name}");
     }
+    let uf2 = "bootloader = { kib = 32, uf2 = 0x57755a57 }\n";
+    let board = read("uf2-loader", &format!("{uf2}{RIGHT}")).expect("nothing is wrong");
+    assert_eq!(board.uf2_family, Some(0x5775_5a57));
+    let board = read(
+        "no-uf2-loader",
+        "like = \"uf2-loader\"\nbootloader.kib = 0\n",
+    );
+    assert_eq!(board.expect("nothing is wrong").uf2_family, None);
     let text = "like = \"no-loader\"\nbootloader.file = \"firmware.bin\"\n";
     let error = read("file-only", text).expect_err("a file for nothing");
     assert!(error.contains("file-only.toml:2: a file for"), "{error}");

@@ -4,11 +4,11 @@ use super::sources;
 
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
-    ("boards", 4_230),
+    ("boards", 4_280),
     ("proof", 30_520),
     ("src", 39_050),
     ("tests", 48_100),
-    ("xtask", 24_900),
+    ("xtask", 25_450),
 ];
 
 /// How far a ceiling may be above the present count, so that ceilings are lowered with the code.

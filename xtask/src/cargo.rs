@@ -102,13 +102,33 @@ pub fn program() -> OsString {
     env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
 }
 
-/// A Cargo command in the project.
+/// A Cargo command in the project. What it compiles for the chip is the same wherever project and crates lie.
 pub fn cargo<A: AsRef<str>>(arguments: &[A]) -> Command {
     let mut command = Command::new(program());
+    let crates = cargo_home().join("registry/src/");
+    let names = [(crates.as_path(), "/registry/src/"), (root(), "/leadscrew")];
+    let flags = names.map(|(folder, name)| {
+        let folder = folder.display();
+        toml_text(&format!("--remap-path-prefix={folder}={name}"))
+    });
+    let flags = format!("target.{TARGET}.rustflags=[{}]", flags.join(","));
     command
+        .args(["--config", &flags])
         .args(arguments.iter().map(AsRef::as_ref))
         .current_dir(root());
     command
+}
+
+/// Where Cargo keeps the crates of others.
+fn cargo_home() -> PathBuf {
+    let home = || env::home_dir().unwrap_or_default().join(".cargo");
+    env::var_os("CARGO_HOME").map_or_else(home, |folder| root().join(folder))
+}
+
+/// A text of TOML.
+fn toml_text(text: &str) -> String {
+    let escaped = text.replace('\\', "\\\\").replace('"', "\\\"");
+    format!("\"{escaped}\"")
 }
 
 /// Makes a Cargo command compile the firmware for a board: its file's name or path, and the features of its
@@ -146,7 +166,13 @@ fn describe(command: &Command) -> String {
     let program = Path::new(command.get_program());
     let name = program.file_name().unwrap_or(command.get_program());
     let mut text = name.to_string_lossy().into_owned();
-    for argument in command.get_args() {
+    let mut arguments = command.get_args();
+    while let Some(argument) = arguments.next() {
+        if argument == "--config" {
+            // Names of folders: long, and of no matter to the user.
+            arguments.next();
+            continue;
+        }
         text.push(' ');
         text.push_str(&argument.to_string_lossy());
     }

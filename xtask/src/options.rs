@@ -71,6 +71,7 @@ pub enum Verb {
     Monitor(Monitor),
     Qemu(Qemu),
     Rehearse(Rehearse),
+    Release(Release),
     Run(Run),
     Schedule(Schedule),
     Send(Send),
@@ -102,6 +103,8 @@ pub enum Verb {
     },
     #[command(hide = true)]
     SimOnTarget(SimOnTarget),
+    #[command(hide = true)]
+    ReleaseImage(ReleaseImage),
     #[command(hide = true)]
     Room(Room),
 }
@@ -173,6 +176,8 @@ impl Verb {
             | Self::Boards
             | Self::Build(_)
             | Self::Rehearse(_)
+            | Self::Release(_)
+            | Self::ReleaseImage(_)
             | Self::Room(_)
             | Self::Serial { .. }
             | Self::Size(_) => tools::FIRMWARE,

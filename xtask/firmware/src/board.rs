@@ -13,10 +13,10 @@ use anstream::{print, println};
 use anyhow::{Context, Result, anyhow, bail};
 use common::options::Board as Verb;
 use common::options::BoardCheck as Options;
-use common::options::Rehearse;
-use common::{cargo, check, tools};
+use common::options::{Rehearse, Release};
+use common::{cargo, check, tools, ui};
 use firmware::boards::{Board, pins, rates};
-use firmware::rehearsal;
+use firmware::{rehearsal, release};
 use owo_colors::OwoColorize;
 
 pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
@@ -155,6 +155,21 @@ fn prove(board: &Board) -> Result<Vec<u32>> {
         }
     }
     Ok(rates)
+}
+
+/// Makes a release.
+pub(crate) fn release(options: &Release) -> Result<ExitCode> {
+    let boards = match &options.board {
+        Some(name) => vec![firmware::boards::named(name)?],
+        None => firmware::boards::all()?,
+    };
+    let out = std::path::absolute(&options.out)?;
+    release::release(&boards, &out, || {
+        let folder = out.to_string_lossy();
+        with_each_firmware(&boards, &["release-image", "--out", &folder, "--board"])
+    })?;
+    ui::status("Released", &out.display().to_string());
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Rehearses boards on models of their chips.

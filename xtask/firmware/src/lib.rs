@@ -9,8 +9,10 @@
 
 pub mod boards;
 pub mod card;
+pub mod formats;
 pub mod image;
 pub mod rehearsal;
+pub mod release;
 
 use std::{
     ffi::OsStr,
@@ -23,7 +25,7 @@ use crate::boards::{
     compile::{self, copy_next_to, place, replace},
 };
 use anyhow::{Context, Result};
-use common::{text::separated, tools, ui};
+use common::{cargo, text::separated, tools, ui};
 
 /// Builds the firmware for `board`, proves it, and returns its ELF file with what is proven in it.
 pub fn proven(board: &Board) -> Result<PathBuf> {
@@ -49,13 +51,25 @@ fn proven_if_possible(board: &Board, options: &[&str], suffix: &str) -> Result<P
 /// The file is whole at any time, for somebody may boot it: no firmware takes the place of a proven
 /// one before it is proven.
 fn prove_with(board: &Board, options: &[&str], suffix: &str) -> Result<(PathBuf, Result<()>)> {
-    let mut image = compile::image(board, options)?;
     let elf = place(board, suffix);
-    let copy = copy_next_to(&elf, &image)?;
-    let proof = prove(&copy, board).and_then(|hz| image::write(&mut image, hz));
-    fs::remove_file(&copy).with_context(|| format!("cannot remove {}", copy.display()))?;
+    let (image, proof) = prove_in(&cargo::target_dir(), board, options, &elf)?;
     replace(&elf, &image)?;
-    Ok((elf, proof))
+    Ok((elf, proof.map(|_| ())))
+}
+
+/// The same with what Cargo builds in a folder, and without writing the file. Returns its contents, and the proven step
+/// rate, Hz, which is in them.
+fn prove_in(
+    into: &Path,
+    board: &Board,
+    options: &[&str],
+    elf: &Path,
+) -> Result<(Vec<u8>, Result<u32>)> {
+    let mut image = compile::image_in(into, board, options)?;
+    let copy = copy_next_to(elf, &image)?;
+    let proof = prove(&copy, board).and_then(|hz| image::write(&mut image, hz).map(|()| hz));
+    fs::remove_file(&copy).with_context(|| format!("cannot remove {}", copy.display()))?;
+    Ok((image, proof))
 }
 
 /// The step rate that a firmware is proven for.

@@ -8,11 +8,11 @@ use std::process::ExitCode;
 use anyhow::{Result, ensure};
 use common::{
     cargo,
-    options::{self, Build, Room, Verb},
+    options::{self, Build, ReleaseImage, Room, Verb},
     ui,
 };
 use firmware::boards::{compile, layout};
-use firmware::card;
+use firmware::{card, release};
 
 fn main() -> ExitCode {
     common::main(|| match options::read() {
@@ -22,6 +22,8 @@ fn main() -> ExitCode {
         Verb::Boards => list(),
         Verb::All { board } => every_firmware(&board),
         Verb::Rehearse(options) => board::rehearse(&options),
+        Verb::Release(options) => board::release(&options),
+        Verb::ReleaseImage(options) => release_image(&options),
         Verb::Room(options) => room(options),
         Verb::Serial { only } => over_serial(&only),
         other => other.refuse(),
@@ -63,6 +65,14 @@ fn every_firmware(board: &str) -> Result<ExitCode> {
     compile::image(&board, &[])?;
     let traced = compile::image(&board, &["--features", "trace"])?;
     compile::replace(&compile::place(&board, "-trace"), &traced)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Makes the image of a board for a release.
+fn release_image(options: &ReleaseImage) -> Result<ExitCode> {
+    let board = firmware::boards::named(&options.board)?;
+    let into = options.into.clone().unwrap_or_else(cargo::target_dir);
+    println!("{}", release::image(&board, &into, &options.out)?.verdict());
     Ok(ExitCode::SUCCESS)
 }
 

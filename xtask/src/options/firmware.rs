@@ -167,6 +167,35 @@ pub struct Run {
     pub arguments: Vec<String>,
 }
 
+/// Make a release: the firmware of every board with each number of axes, proven, in all files that its owners need
+///
+/// For each image: ELF, Intel HEX, a flat file, the file for the bootloader's SD card, UF2 and DFU files where the board takes
+/// them, and the certificate of its proof. Beside them an index, SHA-256 sums, and the licences of all that is in an image.
+/// Takes about an hour.
+#[derive(Debug, clap::Args)]
+pub struct Release {
+    /// The folder, which must be empty
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// One board only
+    #[arg(long, value_name = "BOARD")]
+    pub board: Option<String>,
+}
+
+/// Make an image of a release
+#[derive(Debug, clap::Args)]
+pub struct ReleaseImage {
+    /// The board
+    #[arg(long)]
+    pub board: String,
+    /// The folder of the release
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Where Cargo builds it
+    #[arg(long)]
+    pub into: Option<PathBuf>,
+}
+
 /// Build the firmware of a board, and measure how much flash it leaves free
 #[derive(Debug, clap::Args)]
 pub struct Room {

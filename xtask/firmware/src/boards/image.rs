@@ -71,6 +71,15 @@ pub fn segments(image: &[u8]) -> Result<Vec<Segment<'_>>> {
         .collect()
 }
 
+/// The bytes that are loaded into flash, with their addresses, in the order of these.
+pub fn parts(image: &[u8]) -> Result<Vec<(u32, &[u8])>> {
+    let mut segments = segments(image)?;
+    segments.retain(|segment| !segment.bytes.is_empty());
+    segments.sort_by_key(|segment| segment.load_address);
+    let parts = segments.iter().map(|it| (it.load_address, it.bytes));
+    Ok(parts.collect())
+}
+
 /// Two words of an image, a mark and a value, that a tool writes after linking.
 pub struct PatchedWords {
     /// Their symbol.

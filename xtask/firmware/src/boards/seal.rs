@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use anyhow::{Context, Result, bail, ensure};
 
-use super::image::{PatchedWords, Segment, segments, symbol};
+use super::image::{PatchedWords, parts, symbol};
 
 /// The mark of an image as the linker leaves it, and of one with its CRC.
 const UNSEALED: [u8; 4] = *b"CRC?";
@@ -27,14 +27,12 @@ pub fn seal(image: &mut [u8]) -> Result<()> {
 
 /// Computes the CRC of everything that is loaded but the two words, in the order of addresses.
 fn compute(image: &[u8]) -> Result<u32> {
-    let mut segments = segments(image)?;
-    segments.retain(|segment| !segment.bytes.is_empty());
-    segments.sort_by_key(|segment| segment.load_address);
-    let loaded: Vec<_> = segments.iter().map(Segment::loaded).collect();
-    compare(&loaded, &checked(image)?)?;
-    let parts: Vec<_> = { segments.iter() }
-        .map(|segment| (segment.load_address, segment.bytes))
-        .collect();
+    let parts = parts(image)?;
+    let loaded = parts.iter().map(|(start, bytes)| {
+        let start = u64::from(*start);
+        start..start + bytes.len() as u64
+    });
+    compare(&loaded.collect::<Vec<_>>(), &checked(image)?)?;
     crc_without(symbol(image, CHECK.symbol)?, &parts)
 }
 

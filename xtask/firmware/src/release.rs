@@ -1,0 +1,463 @@
+//! `cargo xtask release`: the firmware of every board, proven, in the files that its owners' tools and bootloaders take.
+//!
+//! ```text
+//!  OUT/index.json                       what there is, for programs
+//!  OUT/SHA256SUMS                       for `sha256sum --check`
+//!  OUT/LICENSES.txt                     of everything that is in an image
+//!  OUT/BOARD/3-axes/leadscrew.elf ...   the images, each with its proof
+//! ```
+
+use std::{
+    collections::BTreeMap,
+    fmt::Write as _,
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use anyhow::{Context, Result, ensure};
+use common::{cargo, text::separated, tools};
+use hmac_sha256::Hash;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    boards::{Board, compile, image::parts},
+    formats,
+};
+
+/// The form of the index.
+const FORMAT: u32 = 1;
+/// The names of files.
+const INDEX: &str = "index.json";
+const SUMS: &str = "SHA256SUMS";
+const IMAGE: &str = "image.json";
+const CERTIFICATE: &str = "certificate.json";
+/// What the files of an image are named before their endings.
+const NAME: &str = "leadscrew";
+/// The other speed of a UART for which a rate is proven: the fastest that senders have.
+const FAST_BAUD: &str = "1000000";
+
+/// What there is.
+#[derive(Debug, Serialize)]
+struct Index {
+    format: u32,
+    version: &'static str,
+    /// Of the sources; behind it `-dirty` where they were changed.
+    commit: String,
+    boards: Vec<Entry>,
+}
+
+/// A board, and its images.
+#[derive(Debug, Serialize)]
+struct Entry {
+    name: String,
+    title: String,
+    about: String,
+    chip: String,
+    crystal_mhz: u32,
+    /// Where the sender is: `USB`, or `UART1`.
+    sender: String,
+    /// How the images come into the flash: what to do, and which file it takes.
+    flashing: Vec<Flashing>,
+    images: Vec<Image>,
+}
+
+/// A method to write an image into the flash.
+#[derive(Debug, Serialize)]
+struct Flashing {
+    kind: &'static str,
+    file: String,
+}
+
+/// An image.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Image {
+    /// The number of axes.
+    pub axes: u8,
+    /// Where its vectors are.
+    pub start: u32,
+    /// The proven step rate of all axes together, steps/s, over USB or at 115 200 baud.
+    pub step_rate_hz: u32,
+    /// The same of a UART at 1 000 000 baud.
+    pub step_rate_at_1_mbaud_hz: Option<u32>,
+    /// Whether the settings outlive a file that is flat, as `.bin` is: they do not lie within it.
+    pub settings_outlive_bin: bool,
+    /// The names of its files, beside `image.json`.
+    pub files: Vec<File>,
+}
+
+/// A file.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct File {
+    name: String,
+    bytes: usize,
+    sha256: String,
+}
+
+/// The methods of a board, the easiest first.
+fn flashing(board: &Board) -> Vec<Flashing> {
+    let named = |kind: &'static str, ending: &str| Flashing {
+        kind,
+        file: format!("{NAME}.{ending}"),
+    };
+    let card = { board.bootloader_file.as_ref() }.map(|name| Flashing {
+        kind: "SD card",
+        file: name.clone(),
+    });
+    let drive = { board.drive.as_ref() }.map(|_| named("drive", "hex"));
+    let uf2 = board.uf2_family.map(|_| named("UF2", "uf2"));
+    let dfu = board.has_dfu.then(|| named("DFU", "dfu"));
+    let probe = Some(named("probe", "hex"));
+    [drive, card, uf2, dfu, probe]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+/// Makes a release of boards in a folder, by `each`, which has the images of each board and number of axes made there.
+pub fn release(boards: &[Board], out: &Path, each: impl FnOnce() -> Result<bool>) -> Result<()> {
+    fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    let is_empty = fs::read_dir(out)?.next().is_none();
+    ensure!(
+        is_empty,
+        "{} is not empty: a release is made in an empty folder",
+        out.display()
+    );
+    ensure!(each()?, "not every image is proven");
+    let entries = boards.iter().map(|board| entry(board, out));
+    let index = Index {
+        format: FORMAT,
+        version: env!("CARGO_PKG_VERSION"),
+        commit: commit()?,
+        boards: entries.collect::<Result<_>>()?,
+    };
+    let mut names: Vec<String> = { index.boards.iter() }
+        .flat_map(|board| board.images.iter().map(move |image| (board, image)))
+        .flat_map(|(board, image)| {
+            let folder = folder(&board.name, image.axes);
+            let files = image.files.iter().map(|file| file.name.as_str());
+            files
+                .chain([IMAGE])
+                .map(move |name| format!("{folder}/{name}"))
+        })
+        .collect();
+    write_file(&out.join(INDEX), json(&index)?.as_bytes())?;
+    write_file(&out.join(LICENSES), licenses()?.as_bytes())?;
+    names.extend([INDEX.into(), LICENSES.into()]);
+    names.sort();
+    let sums = names.iter().map(|name| {
+        let bytes = fs::read(out.join(name))?;
+        Ok(format!("{}  {name}\n", sha256(&bytes)))
+    });
+    write_file(
+        &out.join(SUMS),
+        sums.collect::<Result<String>>()?.as_bytes(),
+    )
+}
+
+/// The folder of an image within a release.
+fn folder(board: &str, axes: u8) -> String {
+    format!("{board}/{axes}-axes")
+}
+
+/// What the images of a board say.
+fn entry(board: &Board, out: &Path) -> Result<Entry> {
+    let images = (3..=board.most_axes()).map(|axes| {
+        let file = out.join(folder(&board.name, axes as u8)).join(IMAGE);
+        let text = fs::read_to_string(&file).with_context(|| format!("{}", file.display()))?;
+        Ok(serde_json::from_str(&text)?)
+    });
+    Ok(Entry {
+        name: board.name.clone(),
+        title: board.title.clone(),
+        about: board.about.clone(),
+        chip: format!("STM32{}", board.part_name),
+        crystal_mhz: board.crystal_mhz,
+        sender: board.sender(),
+        flashing: flashing(board),
+        images: images.collect::<Result<_>>()?,
+    })
+}
+
+/// Makes the image of a board with as many axes as were asked for, proven, in all formats; returns what it is.
+pub fn image(board: &Board, into: &Path, out: &Path) -> Result<Image> {
+    let axes = cargo::axes();
+    let folder = out.join(folder(&board.name, axes));
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let elf = folder.join(format!("{NAME}.elf"));
+    let (bytes, proof) = crate::prove_in(into, board, &[], &elf)?;
+    let step_rate_hz = proof?;
+    compile::replace(&elf, &bytes)?;
+    let schedule = |arguments: &[&str]| {
+        let mut all = vec!["--board".into(), board.argument(), "--elf".into()];
+        all.push(elf.to_string_lossy().into_owned());
+        all.extend(arguments.iter().map(|it| (*it).to_owned()));
+        tools::output(tools::SCHEDULE, all)
+    };
+    let certificate = folder.join(CERTIFICATE);
+    let path = certificate.to_string_lossy();
+    let rate = step_rate_hz.to_string();
+    schedule(&["--step-rate", &rate, "--certificate", &path])?;
+    let fast = (!board.has_usb()).then(|| schedule(&["--baud", FAST_BAUD, "--rate"]));
+    let memory = board.chosen_memory();
+    let parts = parts(&bytes)?;
+    let flat = formats::flat(&parts, memory.flash_start);
+    let mut files = vec![
+        (format!("{NAME}.hex"), formats::hex(&parts).into_bytes()),
+        (format!("{NAME}.bin"), flat.clone()),
+    ];
+    let end = u64::from(memory.flash_start) + flat.len() as u64;
+    let mut journal = memory.journal.into_iter().flatten();
+    let settings_outlive_bin = journal.all(|sector| u64::from(sector.address) >= end);
+    files.extend(board.bootloader_file.clone().map(|name| (name, flat)));
+    files.extend(board.uf2_family.map(|family| {
+        let name = format!("{NAME}.uf2");
+        (name, formats::uf2(&parts, family))
+    }));
+    if board.has_dfu {
+        let name = format!("{NAME}.dfu");
+        files.push((name, formats::dfuse(&parts, &board.title)));
+    }
+    for (name, bytes) in &files {
+        write_file(&folder.join(name), bytes)?;
+    }
+    files.push((format!("{NAME}.elf"), bytes));
+    files.push((CERTIFICATE.into(), fs::read(&certificate)?));
+    files.sort();
+    let files = files.into_iter().map(|(name, bytes)| File {
+        name,
+        bytes: bytes.len(),
+        sha256: sha256(&bytes),
+    });
+    let image = Image {
+        axes,
+        start: memory.flash_start,
+        step_rate_hz,
+        step_rate_at_1_mbaud_hz: fast.transpose()?.map(|rate| rate.parse()).transpose()?,
+        settings_outlive_bin,
+        files: files.collect(),
+    };
+    write_file(&folder.join(IMAGE), json(&image)?.as_bytes())?;
+    Ok(image)
+}
+
+impl Image {
+    /// What was made, in a line.
+    pub fn verdict(&self) -> String {
+        let rate = separated(self.step_rate_hz.into());
+        format!("{rate} steps/s proven, {} files", self.files.len())
+    }
+}
+
+fn json(value: &impl Serialize) -> Result<String> {
+    Ok(format!("{}\n", serde_json::to_string_pretty(value)?))
+}
+
+fn sha256(bytes: &[u8]) -> String {
+    let mut text = String::new();
+    for byte in Hash::hash(bytes) {
+        let _ = write!(text, "{byte:02x}");
+    }
+    text
+}
+
+fn write_file(path: &Path, bytes: &[u8]) -> Result<()> {
+    fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// The commit of the sources.
+fn commit() -> Result<String> {
+    let mut command = Command::new("git");
+    let command = command.args([
+        "describe",
+        "--always",
+        "--abbrev=40",
+        "--exclude=*",
+        "--dirty",
+    ]);
+    let output = command.current_dir(cargo::root()).output();
+    let output = output.context("cannot start git, which knows the commit")?;
+    ensure!(output.status.success(), "git knows no commit here");
+    Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
+}
+
+/// The licences of what is in an image.
+const LICENSES: &str = "LICENSES.txt";
+/// Names of files with the texts of licences begin so.
+const LICENSE_FILES: [&str; 4] = ["LICENSE", "LICENCE", "COPYING", "NOTICE"];
+
+/// What Cargo tells of packages.
+#[derive(Deserialize)]
+struct Metadata {
+    packages: Vec<Package>,
+    resolve: Resolve,
+}
+
+#[derive(Deserialize)]
+struct Package {
+    id: String,
+    name: String,
+    version: String,
+    license: Option<String>,
+    manifest_path: PathBuf,
+    targets: Vec<Target>,
+}
+
+#[derive(Deserialize)]
+struct Target {
+    kind: Vec<String>,
+}
+
+#[derive(Deserialize)]
+struct Resolve {
+    root: String,
+    nodes: Vec<Node>,
+}
+
+#[derive(Deserialize)]
+struct Node {
+    id: String,
+    deps: Vec<Dependency>,
+}
+
+#[derive(Deserialize)]
+struct Dependency {
+    pkg: String,
+    dep_kinds: Vec<Kind>,
+}
+
+#[derive(Deserialize)]
+struct Kind {
+    kind: Option<String>,
+}
+
+impl Metadata {
+    fn read() -> Result<Self> {
+        let features = "chip-f405,usb";
+        let output = cargo::cargo(&["metadata", "--format-version=1", "--no-default-features"])
+            .args(["--features", features, "--filter-platform", cargo::TARGET])
+            .output()?;
+        ensure!(
+            output.status.success(),
+            "Cargo knows no packages: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        Ok(serde_json::from_slice(&output.stdout)?)
+    }
+
+    /// The packages that are in an image: what the firmware depends on, but for what runs in the compiler.
+    fn linked(&self) -> Vec<&Package> {
+        let of_compiler = |id: &str| {
+            let package = self.packages.iter().find(|package| package.id == id);
+            let mut targets = package.iter().flat_map(|it| &it.targets);
+            targets.any(|target| target.kind.iter().any(|kind| kind == "proc-macro"))
+        };
+        let mut known = vec![self.resolve.root.as_str()];
+        let mut next = 0;
+        while let Some(id) = known.get(next).copied() {
+            next += 1;
+            let node = self.resolve.nodes.iter().find(|node| node.id == id);
+            for dependency in node.iter().flat_map(|node| &node.deps) {
+                let is_linked = dependency.dep_kinds.iter().any(|it| it.kind.is_none());
+                let id = dependency.pkg.as_str();
+                if is_linked && !known.contains(&id) && !of_compiler(id) {
+                    known.push(id);
+                }
+            }
+        }
+        let packages = self.packages.iter();
+        packages
+            .filter(|it| known.contains(&it.id.as_str()))
+            .collect()
+    }
+}
+
+/// The notice of licences: each text that lies in a package, with the packages in which it lies.
+fn licenses() -> Result<String> {
+    let metadata = Metadata::read()?;
+    let mut packages = metadata.linked();
+    packages.sort_by_key(|package| (&package.name, &package.version));
+    let mut notice = String::from(
+        "Licences of everything that is in an image of Leadscrew, and the texts that come with it.\n\n\
+         core, Rust's library: MIT OR Apache-2.0 (https://github.com/rust-lang/rust)\n",
+    );
+    let mut texts: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for package in packages {
+        let name = format!("{} {}", package.name, package.version);
+        let license = package.license.as_deref();
+        let _ = writeln!(notice, "{name}: {}", license.unwrap_or("as its files say"));
+        let folder = package.manifest_path.parent();
+        for entry in fs::read_dir(folder.context("a file is in a folder")?)? {
+            let file = entry?;
+            let upper = file.file_name().to_string_lossy().to_uppercase();
+            if LICENSE_FILES.iter().any(|it| upper.starts_with(it)) && file.file_type()?.is_file() {
+                let text = fs::read(file.path())?;
+                let text = String::from_utf8_lossy(&text).replace('\r', "");
+                texts
+                    .entry(text.trim().into())
+                    .or_default()
+                    .push(name.clone());
+            }
+        }
+    }
+    let rule = "=".repeat(72);
+    for (text, of) in texts {
+        let _ = writeln!(notice, "\n{rule}\n{}\n{rule}\n\n{text}", of.join(", "));
+    }
+    Ok(notice)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_notice_has_what_is_linked_and_nothing_of_the_compiler() {
+        let notice = licenses().unwrap();
+        for (name, is_there) in [
+            ("\nstm32f4xx-hal 0", true),
+            ("\nusb-device 0", true),
+            ("\nrtic 2", true),
+            ("\nsyn ", false),
+            ("\nrtic-macros ", false),
+            ("\ntoml ", false),
+        ] {
+            assert_eq!(notice.contains(name), is_there, "{name}");
+        }
+        assert!(notice.contains("Permission is hereby granted, free of charge"));
+    }
+
+    #[test]
+    fn each_board_is_flashed_by_the_methods_of_its_file_the_easiest_first() {
+        for (name, expected) in [
+            (
+                "nucleo-f446re",
+                &["drive leadscrew.hex", "probe leadscrew.hex"][..],
+            ),
+            (
+                "btt-skr-2",
+                &["SD card firmware.bin", "probe leadscrew.hex"],
+            ),
+            (
+                "btt-octopus-1.1-f429",
+                &[
+                    "SD card firmware.bin",
+                    "DFU leadscrew.dfu",
+                    "probe leadscrew.hex",
+                ],
+            ),
+            ("flexi-hal", &["UF2 leadscrew.uf2", "probe leadscrew.hex"]),
+            (
+                "blackpill-f411",
+                &["DFU leadscrew.dfu", "probe leadscrew.hex"],
+            ),
+        ] {
+            let flashing = flashing(&crate::boards::named(name).unwrap());
+            let flashing: Vec<_> = flashing
+                .iter()
+                .map(|method| format!("{} {}", method.kind, method.file))
+                .collect();
+            assert_eq!(flashing, expected, "{name}");
+        }
+    }
+}
