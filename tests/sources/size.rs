@@ -7,7 +7,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_280),
     ("proof", 30_520),
     ("src", 39_050),
-    ("tests", 48_100),
+    ("tests", 48_300),
     ("xtask", 25_450),
 ];
 

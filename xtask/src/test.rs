@@ -347,7 +347,17 @@ fn virtual_boards() -> Vec<Check> {
             check::by(tools::FIRMWARE, whole.into_iter().take(length), 3)
         })
     });
-    [models].into_iter().chain(rehearsals).collect()
+    // From the drive of its ST-LINK: SD card and DFU are those of the others.
+    let drive = Check::new("the start, nucleo-f446re", || {
+        check::by(
+            tools::FIRMWARE,
+            ["rehearse", "--board", "nucleo-f446re", "--start"],
+            3,
+        )
+    });
+    { [models].into_iter().chain(rehearsals) }
+        .chain([drive])
+        .collect()
 }
 
 /// A board.

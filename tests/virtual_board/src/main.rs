@@ -9,6 +9,7 @@ mod compare;
 mod debugger;
 mod eeprom;
 mod job;
+mod loader;
 mod machine;
 mod plant;
 mod program;
@@ -29,12 +30,12 @@ use std::{
 
 use anyhow::{Context as _, Result, bail};
 use board_data::Board;
-use rigless::{chip::uart::TcpPeer, image::Image};
+use rigless::chip::uart::TcpPeer;
 
 use crate::{
     bench::{Bench, Line, Link},
     program::{Lines, Program},
-    rehearsal::Job,
+    rehearsal::{Extent, Job},
 };
 
 /// What `cargo xtask` passes on.
@@ -43,11 +44,10 @@ struct Options {
     board: String,
     axes: usize,
     elf: PathBuf,
-    /// What the bootloader takes.
-    file: Option<PathBuf>,
+    /// What loaders take: all is played with the first, and starts with the others.
+    files: Vec<PathBuf>,
     jobs: Vec<Job>,
-    /// Only what matters most.
-    is_short: bool,
+    extent: Extent,
     shows_lines: bool,
     /// The address at which the line to the sender is served, and whether by USB/IP.
     served: Option<(String, bool)>,
@@ -66,7 +66,8 @@ impl Options {
         };
         while let Some(name) = arguments.next() {
             match name.as_str() {
-                "--short" => options.is_short = true,
+                "--short" => options.extent = Extent::Short,
+                "--start" => options.extent = Extent::Start,
                 "--lines" => options.shows_lines = true,
                 "--rtt" => options.has_rtt = true,
                 _ => options.take(&name, arguments.next())?,
@@ -82,7 +83,7 @@ impl Options {
             "--board" => self.board = value,
             "--axes" => self.axes = value.parse()?,
             "--elf" => self.elf = value.into(),
-            "--file" => self.file = Some(value.into()),
+            "--file" => self.files.push(value.into()),
             "--job" => self.jobs.push(Job::read(&value)?),
             "--tcp" => self.served = Some((value, false)),
             "--usbip" => self.served = Some((value, true)),
@@ -107,27 +108,36 @@ fn main() -> ExitCode {
 fn run() -> Result<ExitCode> {
     let options = Options::read(std::env::args().skip(1))?;
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let board = Board::read(&Board::path(&options.board, &root), &root)?;
-    let mut bench = Bench {
-        axes: options.axes,
-        program: Program::read(&options.elf)?,
-        images: Vec::new(),
-        boot: bootloader::PLACE,
-        shows_lines: options.shows_lines,
-        board,
+    let bench = |file: Option<&Path>| -> Result<Bench> {
+        let mut bench = Bench {
+            axes: options.axes,
+            program: Program::read(&options.elf)?,
+            images: Vec::new(),
+            boot: bootloader::PLACE,
+            shows_lines: options.shows_lines,
+            board: Board::read(&Board::path(&options.board, &root), &root)?,
+        };
+        bench.images = rehearsal::images(&bench, &options.elf, file)?;
+        Ok(bench)
     };
     if let Some((address, is_usbip)) = &options.served {
-        bench.images = vec![
-            Image::read(&options.elf, None)?,
-            chip::memory::made(&bench.board)?,
-        ];
+        let mut bench = bench(None)?;
         bench.boot = bench.vectors();
         let is_right = serve(&bench, address, *is_usbip, &options)?;
         return Ok(exit_code(is_right));
     }
-    bench.images = rehearsal::images(&bench, &options.elf, options.file.as_deref())?;
     let lines = Lines::read(&options.elf)?;
-    let is_right = rehearsal::play(&Arc::new(bench), &lines, &options.jobs, options.is_short)?;
+    let mut is_right = true;
+    for (number, file) in options.files.iter().enumerate() {
+        let name = file.file_name().unwrap_or_default().display();
+        println!("  {name}, as its loader writes it:");
+        let (jobs, extent) = if number == 0 {
+            (&options.jobs[..], options.extent)
+        } else {
+            (&[][..], Extent::Start)
+        };
+        is_right &= rehearsal::play(&Arc::new(bench(Some(file))?), &lines, jobs, extent)?;
+    }
     Ok(exit_code(is_right))
 }
 

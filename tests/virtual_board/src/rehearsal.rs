@@ -1,6 +1,7 @@
 //! The rehearsal of a board: its firmware from power-up on, and when something is wrong.
 
 use std::{
+    collections::BTreeMap,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -16,6 +17,7 @@ use crate::{
     bench::{Bench, Link},
     bootloader::State,
     chip::{FittedParts, memory},
+    loader,
     plant::{Closes, name_of_axis},
     program::Lines,
     script::{Act, Cut, PowerUp, Wanted},
@@ -40,6 +42,18 @@ impl Job {
             settings: words.collect(),
         })
     }
+}
+
+/// How much of a rehearsal is played.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) enum Extent {
+    /// That it starts, and moves.
+    Start,
+    /// What matters most.
+    Short,
+    /// Everything.
+    #[default]
+    Whole,
 }
 
 /// What bootloaders leave; the first is all of it.
@@ -125,22 +139,9 @@ const HSI_MHZ: u64 = 16;
 /// written by the chip's maker, and the bootloaders.
 pub(crate) fn images(bench: &Bench, elf: &Path, file: Option<&Path>) -> Result<Vec<Image>> {
     let vectors = bench.vectors();
-    let firmware = match file {
-        None => Image::read(elf, None)?,
-        Some(file) => {
-            let bytes =
-                std::fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
-            for (address, content) in &bench.program.segments {
-                let start = usize::try_from(address - u64::from(vectors))?;
-                let is_same = bytes.get(start..start + content.len()) == Some(content);
-                ensure!(
-                    is_same,
-                    "{} differs from the program at {address:#x}",
-                    file.display()
-                );
-            }
-            Image::new(file, bytes, Some(vectors.into()))?
-        }
+    let mut images = match file {
+        None => vec![Image::read(elf, None)?],
+        Some(file) => as_loaded(bench, file)?,
     };
     let has = |number: &usize| {
         bench
@@ -155,7 +156,37 @@ pub(crate) fn images(bench: &Bench, elf: &Path, file: Option<&Path>) -> Result<V
     let crystal_mhz = bench.board.crystal_mhz;
     let bootloaders = crate::bootloader::image(&states, vectors, crystal_mhz, interrupts as u32)?;
     let made = memory::made(&bench.board)?;
-    Ok(vec![firmware, made, bootloaders])
+    images.extend([made, bootloaders]);
+    Ok(images)
+}
+
+/// What a loader writes of a file: every byte of the program, and nothing else but what erased flash has.
+fn as_loaded(bench: &Bench, file: &Path) -> Result<Vec<Image>> {
+    let parts = loader::read(file, &bench.board, bench.vectors())?;
+    let mut loaded = BTreeMap::new();
+    for (address, bytes) in &parts {
+        loaded.extend((u64::from(*address)..).zip(bytes.iter().copied()));
+    }
+    for (address, content) in &bench.program.segments {
+        for (at, byte) in (*address..).zip(content) {
+            let is_same = loaded.remove(&at) == Some(*byte);
+            ensure!(
+                is_same,
+                "{} differs from the program at {at:#x}",
+                file.display()
+            );
+        }
+    }
+    let more = loaded.iter().find(|(_, byte)| **byte != 0xff);
+    ensure!(
+        more.is_none(),
+        "{} has more than the program: {more:x?}",
+        file.display()
+    );
+    let images = parts
+        .into_iter()
+        .map(|(address, bytes)| Ok(Image::new(file, bytes, Some(address.into()))?));
+    images.collect()
 }
 
 /// Rehearses a board; returns whether nothing is wrong.
@@ -163,9 +194,9 @@ pub(crate) fn play(
     bench: &Arc<Bench>,
     lines: &Lines,
     jobs: &[Job],
-    is_short: bool,
+    extent: Extent,
 ) -> Result<bool> {
-    let mut outcome = bench.play(script(bench, is_short)?, true)?;
+    let mut outcome = bench.play(script(bench, extent)?, true)?;
     if !jobs.is_empty() {
         let of_jobs = bench.play(job_script(bench, jobs)?, false)?;
         outcome.parts.extend(of_jobs.parts);
@@ -189,7 +220,25 @@ pub(crate) fn play(
     Ok(outcome.faults.is_empty())
 }
 
-fn script(bench: &Bench, is_short: bool) -> Result<Vec<Act>> {
+/// A start from the first state of bootloaders, and that of a new board.
+fn starts(bench: &Bench) -> Vec<Act> {
+    let right = PowerUp::of(&bench.board);
+    let power_up = PowerUp {
+        bootloader: Some(0),
+        ..right
+    };
+    let mut script = vec![Act::Part("a start"), Act::Case("a new board".into(), right)];
+    script.extend(start(bench.axes));
+    script.push(Act::Case(STATES[0].0.into(), power_up));
+    script.extend(start(bench.axes));
+    script
+}
+
+fn script(bench: &Bench, extent: Extent) -> Result<Vec<Act>> {
+    if extent == Extent::Start {
+        return Ok(starts(bench));
+    }
+    let is_short = extent == Extent::Short;
     let wiring = bench.wiring()?;
     let has_limit = wiring.inputs.iter().any(|it| it.0 == Input::Limit(0));
     let right = PowerUp::of(&bench.board);

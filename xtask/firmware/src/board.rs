@@ -176,7 +176,7 @@ pub(crate) fn release(options: &Release) -> Result<ExitCode> {
 pub(crate) fn rehearse(options: &Rehearse) -> Result<ExitCode> {
     if options.all {
         let mut arguments = vec!["rehearse"];
-        arguments.extend(options.short.then_some("--short"));
+        arguments.extend(extent(options));
         arguments.push("--board");
         let is_right = with_each_firmware(&firmware::boards::all()?, &arguments)?;
         return Ok(if is_right {
@@ -191,13 +191,14 @@ pub(crate) fn rehearse(options: &Rehearse) -> Result<ExitCode> {
     let parts = rehearsal::rehearse(
         &board,
         rehearsal::Options {
-            is_short: options.short,
+            extent: extent(options),
             shows_lines: options.lines,
             into: options.into.as_deref().unwrap_or(&own),
         },
     )?;
     if check::is_check() {
-        println!("{} parts, nothing is wrong", parts.lines().count());
+        let parts = parts.lines().filter(|line| !line.ends_with(':'));
+        println!("{} parts, nothing is wrong", parts.count());
     } else {
         println!(
             "{} with {} axes, nothing is wrong\n{parts}",
@@ -206,6 +207,15 @@ pub(crate) fn rehearse(options: &Rehearse) -> Result<ExitCode> {
         );
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// How much of a rehearsal is wanted.
+fn extent(options: &Rehearse) -> Option<&'static str> {
+    let extents = [(options.short, "--short"), (options.start, "--start")];
+    extents
+        .iter()
+        .find(|(is_wanted, _)| *is_wanted)
+        .map(|it| it.1)
 }
 
 /// Has something done with the firmware of boards with each number of axes. Two chips run at a time, each in its own

@@ -187,7 +187,6 @@ mod tests {
         let (mut upper, mut read) = (0_u32, BTreeMap::new());
         let mut has_ended = false;
         for record in Reader::new(&text) {
-            assert!(!has_ended);
             match record.unwrap() {
                 Record::ExtendedLinearAddress(address) => upper = address.into(),
                 Record::Data { offset, value } => {

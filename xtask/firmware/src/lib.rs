@@ -8,7 +8,6 @@
 )]
 
 pub mod boards;
-pub mod card;
 pub mod formats;
 pub mod image;
 pub mod rehearsal;

@@ -12,7 +12,7 @@ use common::{
     ui,
 };
 use firmware::boards::{compile, layout};
-use firmware::{card, release};
+use firmware::release;
 
 fn main() -> ExitCode {
     common::main(|| match options::read() {
@@ -38,8 +38,8 @@ fn run(options: &Build) -> Result<ExitCode> {
             firmware::proven(&board)?
         };
         ui::status("Built", &elf.display().to_string());
-        if let Some(file) = card::write(&board, &elf)? {
-            let what = format!("{}: copy it to the SD card", file.display());
+        for (method, file) in release::write(&board, &elf)? {
+            let what = format!("{}: for {}", file.display(), method.kind);
             ui::status("Built", &what);
         }
     }

@@ -8,7 +8,7 @@ use std::{
 
 use crate::{
     boards::{Board, compile, layout, rates},
-    card, image,
+    image, release,
 };
 use anyhow::{Context, Result, bail, ensure};
 use board_data::Input;
@@ -23,8 +23,8 @@ const HOMING_SETTINGS: [&str; 4] = ["$22=1", "$130=4", "$131=4", "$132=4"];
 /// How a board is rehearsed.
 #[derive(Debug, Clone, Copy)]
 pub struct Options<'a> {
-    /// Only what matters most, without programs.
-    pub is_short: bool,
+    /// `--short`: only what matters most, without programs; `--start`: only that it starts and moves.
+    pub extent: Option<&'static str>,
     /// Every line from the firmware is shown.
     pub shows_lines: bool,
     /// Where Cargo builds the firmware.
@@ -36,11 +36,16 @@ pub fn rehearse(board: &Board, options: Options<'_>) -> Result<String> {
     // The simulator's, before anything is asked of it.
     cargo::ask_for_clock(board.chip.clocks.core_mhz);
     let (elf, mut command) = virtual_board(board, options.into)?;
-    if let Some(file) = card::write(board, &elf)? {
+    let mut files: Vec<_> = { release::write(board, &elf)?.into_iter() }
+        .map(|(_, file)| file)
+        .collect();
+    // Of two methods that take the same file, the first one's is at hand.
+    files.dedup();
+    for file in files {
         command.arg("--file").arg(file);
     }
-    if options.is_short {
-        command.arg("--short");
+    if let Some(extent) = options.extent {
+        command.arg(extent);
     } else {
         for job in jobs(board, &elf.with_extension("jobs"))? {
             command.args(["--job", &job]);

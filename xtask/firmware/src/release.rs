@@ -21,7 +21,7 @@ use hmac_sha256::Hash;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    boards::{Board, compile, image::parts},
+    boards::{Board, compile, image::parts, layout},
     formats,
 };
 
@@ -32,8 +32,12 @@ const INDEX: &str = "index.json";
 const SUMS: &str = "SHA256SUMS";
 const IMAGE: &str = "image.json";
 const CERTIFICATE: &str = "certificate.json";
-/// What the files of an image are named before their endings.
-const NAME: &str = "leadscrew";
+/// The files of an image.
+const ELF: &str = "leadscrew.elf";
+const HEX: &str = "leadscrew.hex";
+const BIN: &str = "leadscrew.bin";
+const UF2: &str = "leadscrew.uf2";
+const DFU: &str = "leadscrew.dfu";
 /// The other speed of a UART for which a rate is proven: the fastest that senders have.
 const FAST_BAUD: &str = "1000000";
 
@@ -64,9 +68,11 @@ struct Entry {
 
 /// A method to write an image into the flash.
 #[derive(Debug, Serialize)]
-struct Flashing {
-    kind: &'static str,
-    file: String,
+pub struct Flashing {
+    /// By what: `SD card`, `DFU` and so on.
+    pub kind: &'static str,
+    /// The name of the file that it takes.
+    pub file: String,
 }
 
 /// An image.
@@ -95,23 +101,48 @@ pub struct File {
 }
 
 /// The methods of a board, the easiest first.
-fn flashing(board: &Board) -> Vec<Flashing> {
-    let named = |kind: &'static str, ending: &str| Flashing {
+pub fn flashing(board: &Board) -> Vec<Flashing> {
+    let method = |kind, file: &str| Flashing {
         kind,
-        file: format!("{NAME}.{ending}"),
+        file: file.into(),
     };
-    let card = { board.bootloader_file.as_ref() }.map(|name| Flashing {
-        kind: "SD card",
-        file: name.clone(),
-    });
-    let drive = { board.drive.as_ref() }.map(|_| named("drive", "hex"));
-    let uf2 = board.uf2_family.map(|_| named("UF2", "uf2"));
-    let dfu = board.has_dfu.then(|| named("DFU", "dfu"));
-    let probe = Some(named("probe", "hex"));
-    [drive, card, uf2, dfu, probe]
-        .into_iter()
-        .flatten()
-        .collect()
+    let methods = [
+        board.drive.as_ref().map(|_| method("drive", HEX)),
+        { board.bootloader_file.as_ref() }.map(|name| method("SD card", name)),
+        board.uf2_family.map(|_| method("UF2", UF2)),
+        board.has_dfu.then(|| method("DFU", DFU)),
+        Some(method("probe", HEX)),
+    ];
+    methods.into_iter().flatten().collect()
+}
+
+/// The files of an image, for all methods of a board and for other tools, by name.
+fn files(board: &Board, image: &[u8]) -> Result<Vec<(String, Vec<u8>)>> {
+    layout::check(board, image)?;
+    let parts = parts(image)?;
+    let flat = formats::flat(&parts, board.chosen_memory().flash_start);
+    let mut files = vec![
+        (HEX.to_owned(), formats::hex(&parts).into_bytes()),
+        (BIN.to_owned(), flat.clone()),
+    ];
+    files.extend(board.bootloader_file.clone().map(|name| (name, flat)));
+    let uf2 = { board.uf2_family }.map(|family| formats::uf2(&parts, family));
+    files.extend(uf2.map(|bytes| (UF2.to_owned(), bytes)));
+    let dfu = board.has_dfu.then(|| formats::dfuse(&parts, &board.title));
+    files.extend(dfu.map(|bytes| (DFU.to_owned(), bytes)));
+    Ok(files)
+}
+
+/// Writes the files of a board beside its ELF file, and returns the methods that take them, with their paths.
+pub fn write(board: &Board, elf: &Path) -> Result<Vec<(Flashing, PathBuf)>> {
+    let folder = elf.with_extension("");
+    let files = files(board, &compile::read(elf)?);
+    for (name, bytes) in files.with_context(|| format!("{}", elf.display()))? {
+        compile::replace(&folder.join(name), &bytes)?;
+    }
+    let methods = flashing(board).into_iter();
+    let methods = methods.map(|method| (folder.join(&method.file), method));
+    Ok(methods.map(|(path, method)| (method, path)).collect())
 }
 
 /// Makes a release of boards in a folder, by `each`, which has the images of each board and number of axes made there.
@@ -184,7 +215,7 @@ pub fn image(board: &Board, into: &Path, out: &Path) -> Result<Image> {
     let axes = cargo::axes();
     let folder = out.join(folder(&board.name, axes));
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    let elf = folder.join(format!("{NAME}.elf"));
+    let elf = folder.join(ELF);
     let (bytes, proof) = crate::prove_in(into, board, &[], &elf)?;
     let step_rate_hz = proof?;
     compile::replace(&elf, &bytes)?;
@@ -200,28 +231,16 @@ pub fn image(board: &Board, into: &Path, out: &Path) -> Result<Image> {
     schedule(&["--step-rate", &rate, "--certificate", &path])?;
     let fast = (!board.has_usb()).then(|| schedule(&["--baud", FAST_BAUD, "--rate"]));
     let memory = board.chosen_memory();
-    let parts = parts(&bytes)?;
-    let flat = formats::flat(&parts, memory.flash_start);
-    let mut files = vec![
-        (format!("{NAME}.hex"), formats::hex(&parts).into_bytes()),
-        (format!("{NAME}.bin"), flat.clone()),
-    ];
-    let end = u64::from(memory.flash_start) + flat.len() as u64;
+    let mut files = files(board, &bytes)?;
+    let flat = files.iter().find(|(name, _)| name == BIN);
+    let flat_bytes = flat.map_or(0, |(_, bytes)| bytes.len());
+    let end = u64::from(memory.flash_start) + flat_bytes as u64;
     let mut journal = memory.journal.into_iter().flatten();
     let settings_outlive_bin = journal.all(|sector| u64::from(sector.address) >= end);
-    files.extend(board.bootloader_file.clone().map(|name| (name, flat)));
-    files.extend(board.uf2_family.map(|family| {
-        let name = format!("{NAME}.uf2");
-        (name, formats::uf2(&parts, family))
-    }));
-    if board.has_dfu {
-        let name = format!("{NAME}.dfu");
-        files.push((name, formats::dfuse(&parts, &board.title)));
-    }
     for (name, bytes) in &files {
         write_file(&folder.join(name), bytes)?;
     }
-    files.push((format!("{NAME}.elf"), bytes));
+    files.push((ELF.into(), bytes));
     files.push((CERTIFICATE.into(), fs::read(&certificate)?));
     files.sort();
     let files = files.into_iter().map(|(name, bytes)| File {

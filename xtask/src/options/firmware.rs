@@ -86,12 +86,15 @@ pub struct Rehearse {
     /// Without the programs, with one state of bootloaders and one power cut
     #[arg(long)]
     pub short: bool,
+    /// Only that the firmware starts and moves, from each file that the board's loaders take
+    #[arg(long, conflicts_with = "short")]
+    pub start: bool,
     /// Show every line from the firmware, with the board's time in ms and where X is in steps
     #[arg(long, conflicts_with = "all")]
     pub lines: bool,
     /// Instead, insert the faults of `tests/virtual_board/faults.toml` into a copy of the sources, or those whose name contains
     /// this, and look whether the rehearsal names each
-    #[arg(long, value_name = "FAULT", num_args = 0..=1, default_missing_value = "", conflicts_with_all = ["board", "all", "short", "lines"])]
+    #[arg(long, value_name = "FAULT", num_args = 0..=1, default_missing_value = "", conflicts_with_all = ["board", "all", "short", "start", "lines"])]
     pub faults: Option<String>,
     /// Where Cargo builds the firmware
     #[arg(long, hide = true, conflicts_with = "all")]
