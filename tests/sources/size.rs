@@ -4,7 +4,7 @@ use super::sources;
 
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
-    ("boards", 4_280),
+    ("boards", 4_400),
     ("proof", 30_520),
     ("src", 39_050),
     ("tests", 48_300),
