@@ -97,6 +97,8 @@ pub struct Wiring {
     pub phases: Vec<[Pin; COILS]>,
     /// Outputs that enable drivers.
     pub enable: Vec<SignedPin>,
+    /// The motor of each of them, as `X` or `Y2`; empty for all motors.
+    pub enabled: Vec<String>,
     /// High while the spindle turns, or the laser may shine.
     pub spindle: Option<SignedPin>,
     /// Active for `M4`.

@@ -104,11 +104,13 @@ fn broken(
 /// The documents whose links are read.
 pub(super) fn documents(root: &Path) -> Vec<String> {
     let mut documents = vec!["CHANGELOG.md".to_owned(), "README.md".to_owned()];
-    for entry in fs::read_dir(root.join("docs")).expect("docs/ can be read") {
-        let name = entry.expect("docs/ can be read").file_name();
-        let name = name.to_string_lossy();
-        if name.ends_with(".md") {
-            documents.push(format!("docs/{name}"));
+    for folder in ["docs", "docs/boards"] {
+        for entry in fs::read_dir(root.join(folder)).expect("documents can be read") {
+            let name = entry.expect("documents can be read").file_name();
+            let name = name.to_string_lossy();
+            if name.ends_with(".md") {
+                documents.push(format!("{folder}/{name}"));
+            }
         }
     }
     documents

@@ -8,7 +8,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("proof", 30_520),
     ("src", 39_050),
     ("tests", 48_300),
-    ("xtask", 25_450),
+    ("xtask", 25_700),
 ];
 
 /// How far a ceiling may be above the present count, so that ceilings are lowered with the code.

@@ -97,11 +97,12 @@ impl<'a> WiringReader<'a> {
                         .0,
                 );
             }
-            enable.extend(self.output(&format!("axes.{letter}.enable"))?);
+            enable.extend(self.enable(letter)?);
             limits.push(Input::Limit(axis));
         }
         let second = self.second_motors(has_phases, &mut enable, &mut limits)?;
-        enable.extend(self.output("outputs.enable")?);
+        enable.extend(self.enable("")?);
+        let (enabled, enable): (Vec<_>, Vec<_>) = enable.into_iter().unzip();
         refuse_enable_of_phases(has_phases, &enable, file)?;
         for letter in &AXES[axes..] {
             self.functions.take_all(&format!("axes.{letter}."));
@@ -112,6 +113,7 @@ impl<'a> WiringReader<'a> {
             second,
             phases,
             enable,
+            enabled,
             spindle: self.output("outputs.spindle")?,
             counter_clockwise: self.output("outputs.counter_clockwise")?,
             flood: self.output("outputs.flood")?,

@@ -60,7 +60,10 @@ fn check(options: &Options) -> Result<ExitCode> {
     for board in &boards {
         show(board);
         if !options.all {
-            print!("\n{}\n", pins::table(board)?);
+            for table in pins::tables(board) {
+                print!("\n{table}");
+            }
+            println!();
         }
         if options.prove {
             let rates = prove(board)?;

@@ -100,6 +100,42 @@ pub struct File {
     sha256: String,
 }
 
+impl Flashing {
+    /// What to do, in sentences.
+    pub fn steps(&self, board: &Board) -> String {
+        let file = format!("`{}`", self.file);
+        match self.kind {
+            "drive" => format!(
+                "The board's own programmer is a drive at its USB, `{}`. Copy {file} to it: the programmer writes the \
+                 file, and the board restarts.",
+                board.drive.as_deref().unwrap_or_default()
+            ),
+            "SD card" => format!(
+                "Copy {file} to the root of a card with FAT32. Switch the board off, put the card in, and switch it \
+                 on: the bootloader needs some seconds. BIGTREETECH's renames the file to `FIRMWARE.CUR` when it is \
+                 written; if the name stays, try a smaller card."
+            ),
+            "UF2" => format!(
+                "Press the reset button twice, quickly: the bootloader is a drive at the board's USB. Copy {file} to \
+                 it: the bootloader writes the file, and the board restarts."
+            ),
+            "DFU" => format!(
+                "Hold BOOT0 at 3.3 V, by its button or jumper, while you switch the board on at its USB. Then \
+                 `dfu-util --alt 0 --download {}`; STM32CubeProgrammer takes `{HEX}` instead. Let BOOT0 go, and \
+                 switch the board off and on.",
+                self.file
+            ),
+            _ => format!(
+                "Connect SWDIO, SWCLK and GND of a debug probe, with the board supplied from one source only; \
+                 connect under reset where the board's note wants it. A programmer such as STM32CubeProgrammer writes \
+                 {file}; or `cargo xtask flash --board {}` builds, proves \
+                 and writes the firmware of the sources.",
+                board.name
+            ),
+        }
+    }
+}
+
 /// The methods of a board, the easiest first.
 pub fn flashing(board: &Board) -> Vec<Flashing> {
     let method = |kind, file: &str| Flashing {

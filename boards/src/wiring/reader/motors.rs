@@ -30,7 +30,7 @@ impl WiringReader<'_> {
     pub(super) fn second_motors(
         &mut self,
         has_phases: bool,
-        enable: &mut Vec<SignedPin>,
+        enable: &mut Vec<(String, SignedPin)>,
         limits: &mut Vec<Input>,
     ) -> Result<Vec<SecondMotor>, Fault> {
         let mut second = Vec::new();
@@ -43,10 +43,19 @@ impl WiringReader<'_> {
                 return Err(place.fault("an axis with `phases` has one motor"));
             }
             second.push(self.second_motor(axis.into(), &group, &place)?);
-            enable.extend(self.output(&format!("{group}.enable"))?);
+            enable.extend(self.enable(name)?);
             limits.push(Input::SecondLimit(axis));
         }
         Ok(second)
+    }
+
+    /// Reads what enables a motor, or all of them where none is named.
+    pub(super) fn enable(&mut self, motor: &str) -> Result<Option<(String, SignedPin)>, Fault> {
+        let key = match motor {
+            "" => "outputs.enable".into(),
+            motor => format!("axes.{motor}.enable"),
+        };
+        Ok(self.output(&key)?.map(|pin| (motor.to_owned(), pin)))
     }
 
     /// Reads the outputs of a second motor.

@@ -1,7 +1,7 @@
 //! `cargo xtask docs`: the documents that are made from the code's tables.
 
 mod json;
-mod pins;
+mod pages;
 mod tables;
 
 use std::{fmt::Write as _, fs, path::Path, process::ExitCode};
@@ -25,13 +25,12 @@ use simulation::{meaning, proven};
 type Document = (&'static str, fn() -> Result<String>);
 
 /// Every document that this program makes.
-const DOCUMENTS: [Document; 6] = [
+const DOCUMENTS: [Document; 5] = [
     ("docs/gcodes.md", codes_table),
     ("docs/settings.md", settings_table),
     ("docs/errors.md", errors_table),
     ("docs/statements.md", statements_table),
     ("docs/json.md", json::document),
-    ("docs/pins.md", pins::table),
 ];
 /// The document that another tool makes, and compares in a test of its own.
 const CONFORMANCE: Document = ("docs/conformance.md", conformance_table);
@@ -59,6 +58,9 @@ fn run(options: &Options) -> Result<ExitCode> {
     for (path, make) in DOCUMENTS.into_iter().chain([CONFORMANCE]) {
         write(path, make()?)?;
     }
+    for (path, page) in pages::all()? {
+        write(&path, page)?;
+    }
     for table in &tables::TABLES {
         write(table.path, table.document()?)?;
     }
@@ -79,6 +81,9 @@ fn check() -> Result<()> {
     }
     for (path, make) in DOCUMENTS {
         compare(path, &make()?)?;
+    }
+    for (path, page) in pages::all()? {
+        compare(&path, &page)?;
     }
     for table in &tables::TABLES {
         compare(table.path, &table.document()?)?;

@@ -53,8 +53,9 @@ fn notes(boards: &[Board]) -> Result<String> {
     for board in boards {
         writeln!(
             text,
-            "| {} | `{}` | {} | {} |",
+            "| [{}](docs/boards/{}.md) | `{}` | {} | {} |",
             board.title,
+            board.name,
             board.name,
             board.sender(),
             board.about
@@ -70,7 +71,8 @@ fn step_rates(boards: &[Board]) -> Result<String> {
         "| board | `--board` | 3 axes | 4 axes | 5 axes | 6 axes |\n|---|---|---|---|---|---|\n",
     );
     for board in boards {
-        write!(text, "| {} | `{}` |", board.title, board.name)?;
+        let name = &board.name;
+        write!(text, "| [{}](boards/{name}.md) | `{name}` |", board.title)?;
         let of_board = rates.get(&board.name).map_or(&[][..], Vec::as_slice);
         for axes in 3..=6 {
             let rate = match of_board.get(axes - 3) {
