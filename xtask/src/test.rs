@@ -87,13 +87,14 @@ fn emulated(check: Check) -> Check {
     })
 }
 
-/// Of the unit tests of the library, which are as quick without optimisation.
-const UNIT_TESTS: [&str; 7] = [
+/// Of the unit tests of the library, those of USB with them, which are as quick without optimisation.
+const UNIT_TESTS: [&str; 8] = [
     "test",
     "--no-fail-fast",
     "--package=leadscrew",
     "--lib",
     "--no-default-features",
+    "--features=usb",
     "--config",
     "profile.dev.package.leadscrew.opt-level=0",
 ];

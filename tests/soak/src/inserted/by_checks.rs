@@ -152,6 +152,7 @@ impl Seeker {
                 "--package=leadscrew",
                 "--lib",
                 "--no-default-features",
+                "--features=usb",
             ])?;
         }
         let tiers = [
