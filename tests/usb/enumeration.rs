@@ -1,5 +1,6 @@
 //! A device is set up by every system on every core, whatever comes between.
 
+use leadscrew::usb::registers::{CSRST, GRSTCTL};
 use otg::{Core, Handshake, Host, HostError, System};
 use usb_machine::PERIOD_US;
 
@@ -63,16 +64,21 @@ fn a_core_that_does_not_end_its_reset_keeps_nobody_waiting_and_connects_later() 
 }
 
 #[test]
-fn a_flush_that_does_not_end_begins_the_core_anew() {
+fn a_flush_or_a_withdrawal_that_does_not_end_begins_the_core_anew() {
     for silicon in silicons() {
-        let (mut core, mut board, mut host) = opened(silicon);
-        core.reset_bus();
-        core.is_stuck = true;
-        board.periods(&mut core, 50);
-        core.is_stuck = false;
-        board.periods(&mut core, 200);
-        let result = host.enumerate(&mut core, System::Windows, &mut |core| board.period(core));
-        assert_eq!(result, Ok(()), "{silicon:?}");
+        for begin in [Core::reset_bus, |core: &mut Core| core.suspend(true)] {
+            let (mut core, mut board, mut host) = opened(silicon);
+            assert!(board.sent.append(b"before"));
+            board.periods(&mut core, 2);
+            begin(&mut core);
+            core.is_stuck = true;
+            board.periods(&mut core, 50);
+            assert_ne!(core.peek(GRSTCTL).unwrap_or(0) & CSRST, 0, "{silicon:?}");
+            core.is_stuck = false;
+            board.periods(&mut core, 200);
+            let result = host.enumerate(&mut core, System::Windows, &mut |core| board.period(core));
+            assert_eq!(result, Ok(()), "{silicon:?}");
+        }
     }
 }
 
