@@ -8,6 +8,7 @@ use crate::{
     bench::{Bench, Link},
     bootloader::MOST_INTERRUPTS,
     machine::Machine,
+    usb_host::PERIOD_US,
 };
 
 pub(crate) mod usb;
@@ -31,6 +32,8 @@ const ODR: u64 = 0x14;
 const AFRL: u64 = 0x20;
 /// Of a USART.
 const BRR: u64 = 0x08;
+/// The timer of `usb`.
+const TIM11: u64 = 0x4001_4800;
 /// Of a timer.
 const CR1: u64 = 0x00;
 const CCER: u64 = 0x20;
@@ -164,6 +167,13 @@ fn clocks(board: &Board, wiring: &Wiring, machine: &mut Machine) -> Vec<String> 
         faults.push(format!(
             "the watchdog waits {ms:.0} ms at least (IWDG_PR, IWDG_RLR)"
         ));
+    }
+    if wiring.has_usb {
+        let [prescaler, last] = [PSC, ARR].map(|offset| machine.chip.word(TIM11 + offset));
+        let us = (prescaler + 1) * (last + 1) / u64::from(clocks.apb2_timers_mhz());
+        if us != PERIOD_US {
+            faults.push(format!("TIM11: USB's period is {us} µs, not {PERIOD_US}"));
+        }
     }
     if let Some((_, pwm)) = wiring.pwm {
         let timers_mhz = match pwm.timer {
