@@ -267,7 +267,7 @@ statements! {
     Dollar::Modes => "$G", "G", Idle, Some("$G"), "shows the modes in effect, tool, feed and spindle speed";
     Dollar::List(List::BuildInfo) => "$I", "I", Idle, Some("$I"), "shows version, text and options of the firmware";
     Dollar::List(List::ExtendedBuildInfo) => "$I+", "I+", Idle, None,
-        "the same, with what is beyond Grbl, the board and the causes of restarts";
+        "the same, with what is beyond Grbl and the causes of restarts";
     Dollar::StoreBuildInfo(_) => "$I=text", "I=TEXT", Idle, None, "stores the text that `$I` shows";
     Dollar::List(List::StartupLines) => "$N", "N", Idle, Some("$N"), "lists the two startup lines";
     Dollar::StoreStartup(..) => "$Nn=line", "N0=G21", Idle, Some("$Nx=line"),

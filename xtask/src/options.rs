@@ -183,6 +183,7 @@ impl Verb {
             | Self::Size(_) => tools::FIRMWARE,
             Self::Conformance(_) => tools::CONFORMANCE,
             Self::Docs(_) => tools::DOCS,
+            Self::Flash(options) if options.to.is_some() => tools::FIRMWARE,
             Self::Flash(_) => tools::PROBE,
             Self::Fuzz(_) | Self::Soak(_) => tools::SOAK,
             Self::Monitor(_) => tools::MONITOR,
@@ -222,7 +223,9 @@ impl Verb {
             cargo::need_qemu()?;
         }
         match self {
-            Self::Flash(Flash { probe, .. })
+            Self::Flash(Flash {
+                probe, to: None, ..
+            })
             | Self::Calibrate(Calibrate {
                 probe, qemu: false, ..
             })

@@ -8,6 +8,7 @@
 )]
 
 pub mod boards;
+pub mod copied;
 pub mod formats;
 pub mod image;
 pub mod rehearsal;

@@ -5,18 +5,19 @@ mod size;
 
 use std::process::ExitCode;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use common::{
     cargo,
-    options::{self, Build, ReleaseImage, Room, Verb},
+    options::{self, Build, Flash, ReleaseImage, Room, Verb},
     ui,
 };
 use firmware::boards::{compile, layout};
-use firmware::release;
+use firmware::{copied, release};
 
 fn main() -> ExitCode {
     common::main(|| match options::read() {
         Verb::Build(options) => run(&options),
+        Verb::Flash(options) => flash(&options),
         Verb::Size(options) => size::run(&options),
         Verb::Board(verb) => board::run(&verb),
         Verb::Boards => list(),
@@ -43,6 +44,28 @@ fn run(options: &Build) -> Result<ExitCode> {
             ui::status("Built", &what);
         }
     }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Builds and proves the firmware of a board, and copies it to the drive from which it is written.
+fn flash(options: &Flash) -> Result<ExitCode> {
+    let board = firmware::boards::named(&options.board)?;
+    let folder = options.to.as_deref().context("no folder is given")?;
+    let method = copied::method(&board, folder)?;
+    let elf = if options.unproven {
+        compile::firmware(&board)?
+    } else {
+        firmware::proven(&board)?
+    };
+    let mut files = release::write(&board, &elf)?.into_iter();
+    let file = files.find(|(it, _)| it.kind == method.kind);
+    let (_, file) = file.context("the board has lost its file")?;
+    copied::copy(&file, folder)?;
+    ui::status(
+        "Copied",
+        &format!("{} to {}", method.file, folder.display()),
+    );
+    println!("{}", method.steps(&board));
     Ok(ExitCode::SUCCESS)
 }
 

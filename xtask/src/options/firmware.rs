@@ -141,10 +141,10 @@ pub struct Docs {
     pub check: bool,
 }
 
-/// Build the firmware and write it to the board with a debug probe
+/// Build the firmware and write it to the board with a debug probe, or copy it to the drive from which the board takes it
 ///
 /// An ST-Link, a J-Link or a CMSIS-DAP probe will do: a Nucleo board has one built in. The first
-/// time, the tools for boards are compiled anew, with probe-rs in them.
+/// time, the tools for boards are compiled anew, with probe-rs in them. --to needs none of that.
 #[derive(Debug, clap::Args)]
 pub struct Flash {
     /// The board
@@ -153,6 +153,9 @@ pub struct Flash {
     /// The probe, as `VID:PID` or `VID:PID:SERIAL`, where there is more than one
     #[arg(long, value_name = "PROBE")]
     pub probe: Option<String>,
+    /// Copy the file instead that the board takes: to an SD card, to the drive of a UF2 bootloader or of a Nucleo
+    #[arg(long, value_name = "DIR", conflicts_with = "probe")]
+    pub to: Option<PathBuf>,
     /// Write it although nothing is proven: it then keeps to 30 000 steps per second
     #[arg(long)]
     pub unproven: bool,
