@@ -19,7 +19,7 @@ pub const FINGERPRINT: &str = "_board_fingerprint";
 /// If the board has no pins for that many axes.
 pub fn fingerprint(board: &Board, axes: usize) -> u32 {
     let mut hasher = DefaultHasher::new();
-    (&board.name, axes, rust(board, axes)).hash(&mut hasher);
+    (&board.name, axes, tables(board, axes)).hash(&mut hasher);
     hasher.finish() as u32
 }
 
@@ -29,6 +29,14 @@ pub fn fingerprint(board: &Board, axes: usize) -> u32 {
 ///
 /// If the board has no pins for that many axes.
 pub fn rust(board: &Board, axes: usize) -> String {
+    // Cargo builds again when the file changes.
+    let file = board.file.to_string_lossy();
+    let tables = tables(board, axes);
+    format!("/// The board's file.\nconst _: &[u8] = include_bytes!({file:?});\n\n{tables}")
+}
+
+/// The same without the file, whose place is of no matter to a chip.
+fn tables(board: &Board, axes: usize) -> String {
     let wiring = board
         .wiring(axes)
         .expect("the caller has asked how many axes there are");
@@ -36,10 +44,7 @@ pub fn rust(board: &Board, axes: usize) -> String {
     let last = board.memory(axes).last;
     let clocks = board.chip.clocks;
     let mut text = format!(
-        "/// The board's file.
-const _: &[u8] = include_bytes!({:?});
-
-/// The USART of the sender.
+        "/// The USART of the sender.
 pub(super) type Usart = pac::USART{usart};
 
 /// The clock of the timers 2 to 7 and 12 to 14.
@@ -55,7 +60,6 @@ pub(super) const LAST_SECTOR: (u8, usize) = ({}, {});
 /// Clocks, pins and memory of the board.
 pub(super) static WIRING: Wiring = Wiring {{
 ",
-        board.file.display().to_string(),
         megahertz(clocks.apb1_timers_mhz()),
         megahertz(clocks.core_mhz / u32::from(clocks.apb1_divider)),
         megahertz(clocks.core_mhz / u32::from(clocks.apb2_divider)),
