@@ -32,7 +32,7 @@ pub use pin::{Pin, Pull, SignedPin};
 pub use rust::{FINGERPRINT, fingerprint, rust};
 pub use serial::SerialPins;
 pub use timer::PwmOutput;
-pub use wiring::{EepromPins, Input, SecondMotor, Wiring};
+pub use wiring::{AXES as AXIS_LETTERS, EepromPins, Input, SecondMotor, Wiring};
 
 /// Folder of the boards, from the project's root.
 pub const FOLDER: &str = "boards";

@@ -7,7 +7,7 @@ use crate::{Pin, PwmOutput, SerialPins, SignedPin};
 pub(crate) use reader::WiringReader;
 
 /// Letters of the axes.
-pub(crate) const AXES: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
+pub const AXES: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
 /// Axes that may have a second motor: X, Y and Z.
 const GANGED_AXES: usize = 3;
 /// Coils of a motor that is driven by phases.

@@ -30,9 +30,9 @@ pub fn flat(parts: &[Part<'_>], start: u32) -> Vec<u8> {
 
 /// Bytes of a record of data, and the kinds of records.
 const RECORD_BYTES: usize = 16;
-const DATA: u8 = 0;
-const END: u8 = 1;
-const UPPER_ADDRESS: u8 = 4;
+const DATA_RECORD: u8 = 0;
+const END_RECORD: u8 = 1;
+const UPPER_ADDRESS_RECORD: u8 = 4;
 
 /// Returns an Intel HEX file of the parts, and of nothing between them.
 pub fn hex(parts: &[Part<'_>]) -> String {
@@ -44,17 +44,22 @@ pub fn hex(parts: &[Part<'_>]) -> String {
         while !rest.is_empty() {
             if at >> 16 != upper {
                 upper = at >> 16;
-                record(&mut text, 0, UPPER_ADDRESS, &(upper as u16).to_be_bytes());
+                record(
+                    &mut text,
+                    0,
+                    UPPER_ADDRESS_RECORD,
+                    &(upper as u16).to_be_bytes(),
+                );
             }
             // No record goes over the end of its 64 KiB.
             let room = 0x1_0000 - (at & 0xffff) as usize;
             let (data, after) = rest.split_at(rest.len().min(RECORD_BYTES).min(room));
-            record(&mut text, at as u16, DATA, data);
+            record(&mut text, at as u16, DATA_RECORD, data);
             at += data.len() as u32;
             rest = after;
         }
     }
-    record(&mut text, 0, END, &[]);
+    record(&mut text, 0, END_RECORD, &[]);
     text
 }
 
@@ -155,7 +160,6 @@ mod tests {
     use super::*;
 
     const START: u32 = 0x0800_8000;
-    const NAMES: [u8; 3] = [1, 2, 3];
 
     /// A short part, one over the end of 64 KiB whose length fills no record, and one in a page of the second.
     fn parts() -> Vec<(u32, Vec<u8>)> {
@@ -163,7 +167,7 @@ mod tests {
         let long: Vec<u8> = long.collect();
         let after = START + 0x200 + long.len() as u32 + 5;
         vec![
-            (START, NAMES.to_vec()),
+            (START, vec![1, 2, 3]),
             (START + 0x200, long),
             (after, vec![0xab; 33]),
         ]

@@ -8,9 +8,10 @@
 )]
 
 pub mod boards;
-pub mod copied;
+pub mod drive;
 pub mod formats;
 pub mod image;
+mod licenses;
 pub mod rehearsal;
 pub mod release;
 

@@ -12,7 +12,7 @@ use common::{
     ui,
 };
 use firmware::boards::{compile, layout};
-use firmware::{copied, release};
+use firmware::{drive, release};
 
 fn main() -> ExitCode {
     common::main(|| match options::read() {
@@ -51,7 +51,7 @@ fn run(options: &Build) -> Result<ExitCode> {
 fn flash(options: &Flash) -> Result<ExitCode> {
     let board = firmware::boards::named(&options.board)?;
     let folder = options.to.as_deref().context("no folder is given")?;
-    let method = copied::method(&board, folder)?;
+    let method = drive::method(&board, folder)?;
     let elf = if options.unproven {
         compile::firmware(&board)?
     } else {
@@ -60,7 +60,7 @@ fn flash(options: &Flash) -> Result<ExitCode> {
     let mut files = release::write(&board, &elf)?.into_iter();
     let file = files.find(|(it, _)| it.kind == method.kind);
     let (_, file) = file.context("the board has lost its file")?;
-    copied::copy(&file, folder)?;
+    drive::copy(&file, folder)?;
     ui::status(
         "Copied",
         &format!("{} to {}", method.file, folder.display()),

@@ -8,7 +8,6 @@
 //! ```
 
 use std::{
-    collections::BTreeMap,
     fmt::Write as _,
     fs,
     path::{Path, PathBuf},
@@ -22,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     boards::{Board, compile, image::parts, layout},
-    formats,
+    formats, licenses,
 };
 
 /// The form of the index.
@@ -32,6 +31,7 @@ const INDEX: &str = "index.json";
 const SUMS: &str = "SHA256SUMS";
 const IMAGE: &str = "image.json";
 const CERTIFICATE: &str = "certificate.json";
+const LICENSES: &str = "LICENSES.txt";
 /// The files of an image.
 const ELF: &str = "leadscrew.elf";
 const HEX: &str = "leadscrew.hex";
@@ -48,12 +48,12 @@ struct Index {
     version: &'static str,
     /// Of the sources; behind it `-dirty` where they were changed.
     commit: String,
-    boards: Vec<Entry>,
+    boards: Vec<BoardEntry>,
 }
 
 /// A board, and its images.
 #[derive(Debug, Serialize)]
-struct Entry {
+struct BoardEntry {
     name: String,
     title: String,
     about: String,
@@ -62,13 +62,13 @@ struct Entry {
     /// Where the sender is: `USB`, or `UART1`.
     sender: String,
     /// How the images come into the flash: what to do, and which file it takes.
-    flashing: Vec<Flashing>,
-    images: Vec<Image>,
+    flashing: Vec<FlashMethod>,
+    images: Vec<ReleasedImage>,
 }
 
 /// A method to write an image into the flash.
 #[derive(Debug, Serialize)]
-pub struct Flashing {
+pub struct FlashMethod {
     /// By what: `SD card`, `DFU` and so on.
     pub kind: &'static str,
     /// The name of the file that it takes.
@@ -77,7 +77,7 @@ pub struct Flashing {
 
 /// An image.
 #[derive(Debug, Serialize, Deserialize)]
-pub struct Image {
+pub struct ReleasedImage {
     /// The number of axes.
     pub axes: u8,
     /// Where its vectors are.
@@ -89,18 +89,18 @@ pub struct Image {
     /// Whether the settings outlive a file that is flat, as `.bin` is: they do not lie within it.
     pub settings_outlive_bin: bool,
     /// The names of its files, beside `image.json`.
-    pub files: Vec<File>,
+    pub files: Vec<ReleasedFile>,
 }
 
 /// A file.
 #[derive(Debug, Serialize, Deserialize)]
-pub struct File {
+pub struct ReleasedFile {
     name: String,
     bytes: usize,
     sha256: String,
 }
 
-impl Flashing {
+impl FlashMethod {
     /// What to do, in sentences.
     pub fn steps(&self, board: &Board) -> String {
         let file = format!("`{}`", self.file);
@@ -137,8 +137,8 @@ impl Flashing {
 }
 
 /// The methods of a board, the easiest first.
-pub fn flashing(board: &Board) -> Vec<Flashing> {
-    let method = |kind, file: &str| Flashing {
+pub fn flashing(board: &Board) -> Vec<FlashMethod> {
+    let method = |kind, file: &str| FlashMethod {
         kind,
         file: file.into(),
     };
@@ -170,7 +170,7 @@ fn files(board: &Board, image: &[u8]) -> Result<Vec<(String, Vec<u8>)>> {
 }
 
 /// Writes the files of a board beside its ELF file, and returns the methods that take them, with their paths.
-pub fn write(board: &Board, elf: &Path) -> Result<Vec<(Flashing, PathBuf)>> {
+pub fn write(board: &Board, elf: &Path) -> Result<Vec<(FlashMethod, PathBuf)>> {
     let folder = elf.with_extension("");
     let files = files(board, &compile::read(elf)?);
     for (name, bytes) in files.with_context(|| format!("{}", elf.display()))? {
@@ -209,7 +209,7 @@ pub fn release(boards: &[Board], out: &Path, each: impl FnOnce() -> Result<bool>
         })
         .collect();
     write_file(&out.join(INDEX), json(&index)?.as_bytes())?;
-    write_file(&out.join(LICENSES), licenses()?.as_bytes())?;
+    write_file(&out.join(LICENSES), licenses::notice()?.as_bytes())?;
     names.extend([INDEX.into(), LICENSES.into()]);
     names.sort();
     let sums = names.iter().map(|name| {
@@ -228,13 +228,13 @@ fn folder(board: &str, axes: u8) -> String {
 }
 
 /// What the images of a board say.
-fn entry(board: &Board, out: &Path) -> Result<Entry> {
+fn entry(board: &Board, out: &Path) -> Result<BoardEntry> {
     let images = (3..=board.most_axes()).map(|axes| {
         let file = out.join(folder(&board.name, axes as u8)).join(IMAGE);
         let text = fs::read_to_string(&file).with_context(|| format!("{}", file.display()))?;
         Ok(serde_json::from_str(&text)?)
     });
-    Ok(Entry {
+    Ok(BoardEntry {
         name: board.name.clone(),
         title: board.title.clone(),
         about: board.about.clone(),
@@ -247,7 +247,7 @@ fn entry(board: &Board, out: &Path) -> Result<Entry> {
 }
 
 /// Makes the image of a board with as many axes as were asked for, proven, in all formats; returns what it is.
-pub fn image(board: &Board, into: &Path, out: &Path) -> Result<Image> {
+pub fn image(board: &Board, into: &Path, out: &Path) -> Result<ReleasedImage> {
     let axes = cargo::axes();
     let folder = out.join(folder(&board.name, axes));
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
@@ -268,35 +268,31 @@ pub fn image(board: &Board, into: &Path, out: &Path) -> Result<Image> {
     let fast = (!board.has_usb()).then(|| schedule(&["--baud", FAST_BAUD, "--rate"]));
     let memory = board.chosen_memory();
     let mut files = files(board, &bytes)?;
-    let flat = files.iter().find(|(name, _)| name == BIN);
-    let flat_bytes = flat.map_or(0, |(_, bytes)| bytes.len());
-    let end = u64::from(memory.flash_start) + flat_bytes as u64;
-    let mut journal = memory.journal.into_iter().flatten();
-    let settings_outlive_bin = journal.all(|sector| u64::from(sector.address) >= end);
     for (name, bytes) in &files {
         write_file(&folder.join(name), bytes)?;
     }
     files.push((ELF.into(), bytes));
     files.push((CERTIFICATE.into(), fs::read(&certificate)?));
     files.sort();
-    let files = files.into_iter().map(|(name, bytes)| File {
+    let files = files.into_iter().map(|(name, bytes)| ReleasedFile {
         name,
         bytes: bytes.len(),
         sha256: sha256(&bytes),
     });
-    let image = Image {
+    let image = ReleasedImage {
         axes,
         start: memory.flash_start,
         step_rate_hz,
         step_rate_at_1_mbaud_hz: fast.transpose()?.map(|rate| rate.parse()).transpose()?,
-        settings_outlive_bin,
+        // They lie within a flat file where the code begins apart from the vectors.
+        settings_outlive_bin: memory.code_start.is_none(),
         files: files.collect(),
     };
     write_file(&folder.join(IMAGE), json(&image)?.as_bytes())?;
     Ok(image)
 }
 
-impl Image {
+impl ReleasedImage {
     /// What was made, in a line.
     pub fn verdict(&self) -> String {
         let rate = separated(self.step_rate_hz.into());
@@ -336,151 +332,9 @@ fn commit() -> Result<String> {
     Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
-/// The licences of what is in an image.
-const LICENSES: &str = "LICENSES.txt";
-/// Names of files with the texts of licences begin so.
-const LICENSE_FILES: [&str; 4] = ["LICENSE", "LICENCE", "COPYING", "NOTICE"];
-
-/// What Cargo tells of packages.
-#[derive(Deserialize)]
-struct Metadata {
-    packages: Vec<Package>,
-    resolve: Resolve,
-}
-
-#[derive(Deserialize)]
-struct Package {
-    id: String,
-    name: String,
-    version: String,
-    license: Option<String>,
-    manifest_path: PathBuf,
-    targets: Vec<Target>,
-}
-
-#[derive(Deserialize)]
-struct Target {
-    kind: Vec<String>,
-}
-
-#[derive(Deserialize)]
-struct Resolve {
-    root: String,
-    nodes: Vec<Node>,
-}
-
-#[derive(Deserialize)]
-struct Node {
-    id: String,
-    deps: Vec<Dependency>,
-}
-
-#[derive(Deserialize)]
-struct Dependency {
-    pkg: String,
-    dep_kinds: Vec<Kind>,
-}
-
-#[derive(Deserialize)]
-struct Kind {
-    kind: Option<String>,
-}
-
-impl Metadata {
-    fn read() -> Result<Self> {
-        let features = "chip-f405,usb";
-        let output = cargo::cargo(&["metadata", "--format-version=1", "--no-default-features"])
-            .args(["--features", features, "--filter-platform", cargo::TARGET])
-            .output()?;
-        ensure!(
-            output.status.success(),
-            "Cargo knows no packages: {}",
-            String::from_utf8_lossy(&output.stderr)
-        );
-        Ok(serde_json::from_slice(&output.stdout)?)
-    }
-
-    /// The packages that are in an image: what the firmware depends on, but for what runs in the compiler.
-    fn linked(&self) -> Vec<&Package> {
-        let of_compiler = |id: &str| {
-            let package = self.packages.iter().find(|package| package.id == id);
-            let mut targets = package.iter().flat_map(|it| &it.targets);
-            targets.any(|target| target.kind.iter().any(|kind| kind == "proc-macro"))
-        };
-        let mut known = vec![self.resolve.root.as_str()];
-        let mut next = 0;
-        while let Some(id) = known.get(next).copied() {
-            next += 1;
-            let node = self.resolve.nodes.iter().find(|node| node.id == id);
-            for dependency in node.iter().flat_map(|node| &node.deps) {
-                let is_linked = dependency.dep_kinds.iter().any(|it| it.kind.is_none());
-                let id = dependency.pkg.as_str();
-                if is_linked && !known.contains(&id) && !of_compiler(id) {
-                    known.push(id);
-                }
-            }
-        }
-        let packages = self.packages.iter();
-        packages
-            .filter(|it| known.contains(&it.id.as_str()))
-            .collect()
-    }
-}
-
-/// The notice of licences: each text that lies in a package, with the packages in which it lies.
-fn licenses() -> Result<String> {
-    let metadata = Metadata::read()?;
-    let mut packages = metadata.linked();
-    packages.sort_by_key(|package| (&package.name, &package.version));
-    let mut notice = String::from(
-        "Licences of everything that is in an image of Leadscrew, and the texts that come with it.\n\n\
-         core, Rust's library: MIT OR Apache-2.0 (https://github.com/rust-lang/rust)\n",
-    );
-    let mut texts: BTreeMap<String, Vec<String>> = BTreeMap::new();
-    for package in packages {
-        let name = format!("{} {}", package.name, package.version);
-        let license = package.license.as_deref();
-        let _ = writeln!(notice, "{name}: {}", license.unwrap_or("as its files say"));
-        let folder = package.manifest_path.parent();
-        for entry in fs::read_dir(folder.context("a file is in a folder")?)? {
-            let file = entry?;
-            let upper = file.file_name().to_string_lossy().to_uppercase();
-            if LICENSE_FILES.iter().any(|it| upper.starts_with(it)) && file.file_type()?.is_file() {
-                let text = fs::read(file.path())?;
-                let text = String::from_utf8_lossy(&text).replace('\r', "");
-                texts
-                    .entry(text.trim().into())
-                    .or_default()
-                    .push(name.clone());
-            }
-        }
-    }
-    let rule = "=".repeat(72);
-    for (text, of) in texts {
-        let _ = writeln!(notice, "\n{rule}\n{}\n{rule}\n\n{text}", of.join(", "));
-    }
-    Ok(notice)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_notice_has_what_is_linked_and_nothing_of_the_compiler() {
-        let notice = licenses().unwrap();
-        for (name, is_there) in [
-            ("\nstm32f4xx-hal 0", true),
-            ("\nusb-device 0", true),
-            ("\nrtic 2", true),
-            ("\nsyn ", false),
-            ("\nrtic-macros ", false),
-            ("\ntoml ", false),
-        ] {
-            assert_eq!(notice.contains(name), is_there, "{name}");
-        }
-        assert!(notice.contains("Permission is hereby granted, free of charge"));
-    }
 
     #[test]
     fn each_board_is_flashed_by_the_methods_of_its_file_the_easiest_first() {

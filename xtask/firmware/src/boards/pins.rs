@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use board_data::{Board, Input, Pin, SignedPin, Wiring};
+use board_data::{AXIS_LETTERS, Board, Input, Pin, SignedPin, Wiring};
 
 /// Pins with what is to be known of each, in a cell.
 type Pins = Vec<(Pin, &'static str)>;
@@ -10,12 +10,9 @@ type Pins = Vec<(Pin, &'static str)>;
 type Row = (&'static str, fn(&Wiring) -> Pins);
 
 /// Where drivers and coils are.
-const MOTORS: &str = "motor | label | step, direction, enable; or IN1 to IN4";
+const MOTORS_HEAD: &str = "motor | label | step, direction, enable; or IN1 to IN4";
 /// All but the motors.
-const CONNECTORS: &str = "what | label | pin";
-
-/// The names of axes.
-const LETTERS: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
+const CONNECTORS_HEAD: &str = "what | label | pin";
 
 /// The inputs that do not stand for an axis.
 const INPUTS: [(&str, Input); 5] = [
@@ -44,7 +41,7 @@ const OUTPUTS: [Row; 7] = [
 ];
 
 /// What is connected on the board itself.
-const OWN: [Row; 3] = [
+const ON_BOARD: [Row; 3] = [
     ("sender: USB", |wiring| {
         wiring.usb_pins().map(|pin| (pin, "")).collect()
     }),
@@ -65,7 +62,7 @@ pub fn tables(board: &Board) -> [String; 3] {
     let row = |name: &str, pins: &dyn Fn(&Wiring) -> Pins| rows(board, name, pins);
     let mut motors = String::new();
     let mut switches = String::new();
-    for (axis, letter) in (0_u8..).zip(LETTERS) {
+    for (axis, letter) in (0_u8..).zip(AXIS_LETTERS) {
         motors += &row(letter, &|wiring| motor(wiring, axis));
         motors += &row(&format!("{letter}2"), &|wiring| second_motor(wiring, axis));
         for (name, limit) in [
@@ -78,14 +75,14 @@ pub fn tables(board: &Board) -> [String; 3] {
     motors += &row("all: enable", &|wiring| enable(wiring, ""));
     let inputs = INPUTS.map(|(name, function)| row(name, &|wiring| input(wiring, function)));
     let [outputs, own] =
-        [&OUTPUTS[..], &OWN].map(|all| all.iter().map(|(name, pins)| row(name, pins)));
+        [&OUTPUTS[..], &ON_BOARD].map(|all| all.iter().map(|(name, pins)| row(name, pins)));
     [
-        table(MOTORS, &motors),
+        table(MOTORS_HEAD, &motors),
         table(
-            CONNECTORS,
+            CONNECTORS_HEAD,
             &(switches + &inputs.concat() + &outputs.collect::<String>()),
         ),
-        table(CONNECTORS, &own.collect::<String>()),
+        table(CONNECTORS_HEAD, &own.collect::<String>()),
     ]
 }
 
@@ -133,7 +130,7 @@ fn motor(wiring: &Wiring, axis: u8) -> Pins {
     let pins = pins.chain(wiring.direction.get(index));
     let pins = pins.chain(wiring.phases.get(index).into_iter().flatten());
     let mut pins: Pins = pins.map(|pin| (*pin, "")).collect();
-    pins.extend(enable(wiring, LETTERS[index]));
+    pins.extend(enable(wiring, AXIS_LETTERS[index]));
     pins
 }
 
@@ -145,7 +142,7 @@ fn second_motor(wiring: &Wiring, axis: u8) -> Pins {
     if let Some(motor) = motor {
         pins.push((motor.step, ""));
         pins.extend(output(Some(motor.direction)));
-        pins.extend(enable(wiring, &format!("{}2", LETTERS[motor.axis])));
+        pins.extend(enable(wiring, &format!("{}2", AXIS_LETTERS[motor.axis])));
     }
     pins
 }

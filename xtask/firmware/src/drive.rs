@@ -10,24 +10,24 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::{
     boards::Board,
-    release::{self, Flashing},
+    release::{self, FlashMethod},
 };
 
 /// Methods whose file is copied, each with a file by which its drive is known.
-const COPIED: [(&str, Option<&str>); 3] = [
+const DRIVES: [(&str, Option<&str>); 3] = [
     ("drive", Some("DETAILS.TXT")),
     ("SD card", None),
     ("UF2", Some("INFO_UF2.TXT")),
 ];
 
 /// Returns the method of a board by which a folder takes the firmware, before anything is compiled.
-pub fn method(board: &Board, folder: &Path) -> Result<Flashing> {
+pub fn method(board: &Board, folder: &Path) -> Result<FlashMethod> {
     let methods = release::flashing(board).into_iter();
-    let mut copied = methods.filter_map(|method| {
-        let known = COPIED.iter().find(|(kind, _)| *kind == method.kind)?;
+    let mut by_drive = methods.filter_map(|method| {
+        let known = DRIVES.iter().find(|(kind, _)| *kind == method.kind)?;
         Some((method, known.1))
     });
-    let Some((method, mark)) = copied.next() else {
+    let Some((method, mark)) = by_drive.next() else {
         bail!(
             "{} takes no file from a drive: docs/boards/{}.md has how it is flashed",
             board.title,
