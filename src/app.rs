@@ -177,7 +177,7 @@ mod app {
     }
 
     /// Feeds the watchdog, lets `interpret` go on, looks for a break on the line, sends the bytes that the USART did
-    /// not take at once, and sleeps.
+    /// not take at once, hands over to a bootloader if one is wanted, and sleeps.
     #[idle(local = [line_level], shared = [serial, &requests])]
     fn idle(mut cx: idle::Context) -> ! {
         let requests = cx.shared.requests;
@@ -185,10 +185,15 @@ mod app {
             board::watchdog::feed();
             end_round();
             cx.local.line_level.check(requests);
-            let is_sending = cx
+            let (is_sending, bootloader) = cx
                 .shared
                 .serial
-                .lock(|serial| serial.send_remaining(requests));
+                .lock(|serial| (serial.send_remaining(requests), serial.wanted_bootloader()));
+            if let Some(bootloader) = bootloader
+                && !is_sending
+            {
+                board::bootloader::enter(bootloader);
+            }
             if !is_sending && !awaits_idle() {
                 board::sleep();
             }

@@ -193,6 +193,11 @@ impl Board {
         self.variants[0].wiring.has_usb
     }
 
+    /// Returns whether the chip's own bootloader can be started by `$DFU`, and reached over USB.
+    pub fn has_usb_bootloader(&self) -> bool {
+        self.has_dfu || self.has_usb()
+    }
+
     /// Returns where the sender is: `USB`, or `UART1`.
     pub fn sender(&self) -> String {
         let wiring = &self.variants[0].wiring;

@@ -76,7 +76,7 @@ pub(super) static WIRING: Wiring = Wiring {{
 }
 
 /// Returns the fields of `Wiring` in `src/board/wiring.rs`.
-fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 16] {
+fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 17] {
     let clocks = board.chip.clocks;
     let accessories = format!(
         "AccessoryPins {{ spindle: {}, counter_clockwise: {}, flood: {}, mist: {} }}",
@@ -115,6 +115,14 @@ fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 16] {
             format!(
                 "&[{}]",
                 list(&board.chip.dev_ids, |id| format!("{id:#05x}"))
+            ),
+        ),
+        (
+            "bootloaders",
+            format!(
+                "leadscrew::model::Bootloaders {{ dfu: {}, uf2: {} }}",
+                board.has_usb_bootloader(),
+                board.uf2_family.is_some()
             ),
         ),
         settings(board, wiring),

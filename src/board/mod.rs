@@ -9,6 +9,7 @@
 #[cfg_attr(feature = "qemu", path = "qemu/actuators.rs")]
 mod actuators;
 mod backup_domain;
+pub(crate) mod bootloader;
 mod chosen;
 #[cfg_attr(feature = "qemu", path = "qemu/clocks.rs")]
 mod clocks;

@@ -101,6 +101,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     let (session, storage) = memory.power_up(Medium::new(device.FLASH));
     session.set_reset_cause(cause);
     session.set_self_test_fault(fault);
+    session.set_bootloaders(WIRING.bootloaders);
     pins::configure(session.settings());
     pwm::configure(session.settings());
     let inputs = InputInterrupts::new(device.TIM10, device.EXTI, &device.SYSCFG, &mut core.NVIC);

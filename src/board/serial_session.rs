@@ -8,7 +8,7 @@
 use heapless::spsc::Producer;
 use leadscrew::{
     machine::{Inputs, Snapshot},
-    model::Requests,
+    model::{Bootloader, Requests},
     path::Entry,
     protocol::{ByteReader, ByteWriter, Progress, Session},
     settings::{Change, Erasing, StoreError, Stored, ToolTable},
@@ -27,6 +27,8 @@ pub struct SerialSession {
     transmitter: Transmitter,
     session: &'static mut Session,
     events: EventTap<'static>,
+    /// What `idle` has to hand over to.
+    bootloader: Option<Bootloader>,
 }
 
 impl SerialSession {
@@ -44,6 +46,7 @@ impl SerialSession {
             transmitter,
             session,
             events,
+            bootloader: None,
         }
     }
 
@@ -65,6 +68,7 @@ impl SerialSession {
         // Settings change at rest only, and nothing moves before the session goes on.
         pins::configure_if_changed(self.session.settings());
         pwm::configure(self.session.settings());
+        self.bootloader = self.session.wanted_bootloader(snapshot);
         self.transmitter.send_all(requests);
         progress
     }
@@ -82,6 +86,11 @@ impl SerialSession {
             received: &mut self.received,
             sent: &mut self.sent,
         }
+    }
+
+    /// Returns the bootloader to which `idle` has to hand over, once nothing waits to be sent.
+    pub(crate) const fn wanted_bootloader(&self) -> Option<Bootloader> {
+        self.bootloader
     }
 
     /// Sends a byte if any waits and the port takes one, for `idle`. Returns whether any waited.

@@ -4,7 +4,10 @@
 
 #[cfg(feature = "phases")]
 use leadscrew::stepper::COILS;
-use leadscrew::{axis::AXES, model::Levels};
+use leadscrew::{
+    axis::AXES,
+    model::{Bootloaders, Levels},
+};
 
 /// A pin.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -103,6 +106,9 @@ pub(super) struct Wiring {
     /// What chips say that they are, on which the firmware runs.
     #[allow(dead_code, reason = "the bring-up does not refuse a chip")]
     pub(super) dev_ids: &'static [u16],
+    /// The bootloaders that `$DFU` and `$UF2` may start.
+    #[allow(dead_code, reason = "the bring-up starts none")]
+    pub(super) bootloaders: Bootloaders,
     /// The sectors of the journal of settings.
     #[cfg(not(feature = "eeprom"))]
     pub(super) journal: [JournalPage; 2],

@@ -3,6 +3,7 @@
 //! Plain values, and the atomics that carry requests.
 
 mod alarm;
+mod bootloader;
 mod command;
 pub mod core_xy;
 mod cutter;
@@ -22,6 +23,7 @@ pub mod timing;
 mod xy_rotation;
 
 pub use alarm::Alarm;
+pub use bootloader::{Bootloader, Bootloaders};
 pub use command::{Circle, Command, FeedRate, Laser, Probing, Target};
 pub use cutter::{Cutter, Side};
 pub use levels::Levels;

@@ -8,6 +8,7 @@ use core::num::NonZeroU8;
 use crate::{
     axis::{AXES, LETTERS},
     gcode::LineError,
+    model::Bootloader,
     settings::{self, Change, STARTUP_LINES, STORED_LINE, SettingError, Settings},
 };
 
@@ -51,6 +52,8 @@ pub enum Dollar<'a> {
     Jog(&'a [u8]),
     /// `$SLP`.
     Sleep,
+    /// `$DFU`, `$UF2`.
+    Boot(Bootloader),
     /// `$RST=$`, `$RST=#`, `$RST=*`.
     Restore(Change),
     /// `$TTn=words`: the number of a tool, and its words, none to remove it.
@@ -151,6 +154,8 @@ impl<'a> Dollar<'a> {
             [b'H'] => Ok(Self::Home(0)),
             [b'H', letter] => axis_mask(*letter).map(Self::Home),
             [b'S', b'L', b'P'] => Ok(Self::Sleep),
+            [b'D', b'F', b'U'] => Ok(Self::Boot(Bootloader::Dfu)),
+            [b'U', b'F', b'2'] => Ok(Self::Boot(Bootloader::Uf2)),
             [b'I'] => Ok(Self::List(List::BuildInfo)),
             [b'I', b'+'] => Ok(Self::List(List::ExtendedBuildInfo)),
             [b'I', b'=', text @ ..] if !text.iter().any(|byte| *byte > 0x7f) => {
@@ -278,6 +283,10 @@ statements! {
     Dollar::Unlock => "$X", "X", Alarm, Some("$X"), "ends the lock of an alarm; otherwise compensation, `G41` and `G42`";
     Dollar::Home(_) => "$H, $HX", "H", Idle, Some("$H"), "homes all axes, or one";
     Dollar::Sleep => "$SLP", "SLP", Idle, Some("$SLP"), "switches everything off until a reset";
+    Dollar::Boot(Bootloader::Dfu) => "$DFU", "DFU", Idle, None,
+        "switches everything off, and starts the chip's own bootloader, which takes firmware over USB";
+    Dollar::Boot(Bootloader::Uf2) => "$UF2", "UF2", Idle, None,
+        "the same with a bootloader that shows a drive for UF2 files";
     Dollar::Restore(_) => "$RST=$, $RST=#, $RST=*", "RST=$", Idle, None,
         "restores the defaults: of the settings, of origins and positions, of everything";
     Dollar::List(List::Tools) => "$TT", "TT", Idle, None, "lists the tool table";
@@ -343,6 +352,8 @@ mod tests {
             ("NX=G21", [2, 8, 8, 8, 8]),
             ("N0", [3, 8, 8, 8, 8]),
             ("SLP", [0, 8, 8, 8, 0]),
+            ("DFU", [0, 8, 8, 8, 0]),
+            ("UF2", [0, 8, 8, 8, 0]),
             ("RST=$", [0, 8, 8, 8, 0]),
             ("0=10", [0, 8, 8, 8, 0]),
             ("L", [0, 8, 8, 8, 0]),

@@ -56,7 +56,10 @@ use crate::{
     axis::Axes,
     gcode::{LineError, interpreter::Interpreter},
     machine::Snapshot,
-    model::{Awaited, Requests, ResetCause, SelfTestFault, queues::ENTRY_RING},
+    model::{
+        Awaited, Bootloader, Bootloaders, Requests, ResetCause, SelfTestFault, State,
+        queues::ENTRY_RING,
+    },
     path::Entry,
     settings::{Change, Changes, Settings, StoreError, Stored, ToolTable},
     stepper::SegmentRing,
@@ -173,6 +176,21 @@ impl Session {
     /// Sets what the self-test at power-up has found wrong, for which the machine comes up in alarm 16.
     pub const fn set_self_test_fault(&mut self, fault: Option<SelfTestFault>) {
         self.power_up.self_test_fault = fault;
+    }
+
+    /// Sets the bootloaders that `$DFU` and `$UF2` may start: none, unless the platform has some.
+    pub const fn set_bootloaders(&mut self, bootloaders: Bootloaders) {
+        self.power_up.bootloaders = bootloaders;
+    }
+
+    /// Returns the bootloader to which the platform has to hand over now, once what is sent has left: the machine is
+    /// asleep.
+    #[must_use]
+    pub fn wanted_bootloader(&self, machine: &Snapshot) -> Option<Bootloader> {
+        match self.stage {
+            LineStage::Asleep(until) if machine.state == State::Sleep => until,
+            _ => None,
+        }
     }
 
     /// Sets which records are damaged, for which the machine comes up locked.
@@ -497,11 +515,11 @@ impl Session {
             }
             LineStage::Sending(_) | LineStage::Compensating(_) if is_cancelled => Progress::Waiting,
             LineStage::Faulted if self.is_refusing(machine) => self.refuse(LineError::Locked),
-            LineStage::Asleep | LineStage::ListingInDialect(_) => {
+            LineStage::Asleep(_) | LineStage::ListingInDialect(_) => {
                 let stage = self.stage;
                 let step = self.read_in_dialect(ports);
                 let progress = step.map_or(Progress::Waiting, |step| self.take_step(step, ports));
-                if stage == LineStage::Asleep && self.stage == LineStage::Reading {
+                if matches!(stage, LineStage::Asleep(_)) && self.stage == LineStage::Reading {
                     self.stage = stage;
                 }
                 progress

@@ -1,7 +1,7 @@
 //! `$` statements that store, switch or move something.
 
 use leadscrew::{
-    model::{Alarm, Levels, State},
+    model::{Alarm, Bootloader, Bootloaders, Levels, State},
     path::{MoveKind, Work},
     settings::{Change, Settings, StepRate, Stored, StoredLine},
 };
@@ -201,6 +201,31 @@ fn asleep_nothing_is_answered_before_a_reset() {
     assert_eq!(bench.answer("\x18"), [WELCOME[0], WELCOME[1], UNLOCK]);
     assert_eq!(bench.ask("$X"), ["[MSG:Caution: Unlocked]", "ok"]);
     assert_eq!(bench.ask("G0X1"), ["ok"]);
+}
+
+#[test]
+fn a_bootloader_that_the_board_has_is_wanted_once_the_machine_is_asleep() {
+    let mut bench = Bench::new();
+    for statement in ["$DFU", "$UF2"] {
+        assert_eq!(bench.ask(statement), ["error:3"]);
+    }
+    bench.session.set_bootloaders(Bootloaders {
+        dfu: true,
+        uf2: false,
+    });
+    assert_eq!(bench.ask("$UF2"), ["error:3"]);
+    bench.machine.state = State::Run;
+    assert_eq!(bench.ask("$DFU"), ["error:8"]);
+    bench.machine.state = State::Idle;
+    assert_eq!(bench.session.wanted_bootloader(&bench.machine), None);
+    assert_eq!(bench.answer("$DFU\nG0X1\n"), ["ok", "[MSG:Sleeping]"]);
+    let wanted = bench.session.wanted_bootloader(&bench.machine);
+    assert_eq!(wanted, Some(Bootloader::Dfu));
+    bench.machine.state = State::Idle;
+    assert_eq!(bench.session.wanted_bootloader(&bench.machine), None);
+    bench.machine.state = State::Sleep;
+    assert_eq!(bench.answer("\x18"), [WELCOME[0], WELCOME[1], UNLOCK]);
+    assert_eq!(bench.session.wanted_bootloader(&bench.machine), None);
 }
 
 #[test]

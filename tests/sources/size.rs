@@ -6,8 +6,8 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_400),
     ("proof", 30_520),
-    ("src", 39_050),
-    ("tests", 48_300),
+    ("src", 39_300),
+    ("tests", 48_400),
     ("xtask", 25_700),
 ];
 

@@ -127,7 +127,7 @@ impl RepRap {
     ) -> NextStep {
         self.next_extruder = self.extruder;
         let raw = &session.lines.raw;
-        if session.stage == LineStage::Asleep && !raw.is_restart() {
+        if matches!(session.stage, LineStage::Asleep(_)) && !raw.is_restart() {
             replies::asleep(&mut session.reports.message);
             return NextStep::Answer(Ok(()));
         }

@@ -11,7 +11,7 @@ use crate::{
     axis::{AXES, LINEAR},
     gcode::LineError,
     machine::Snapshot,
-    model::{Levels, State},
+    model::{Bootloader, Levels, State},
     path::Work,
     protocol::{
         dialect::SenderDialect,
@@ -111,7 +111,8 @@ impl Session {
             Ok(Dollar::Check) => self.begin_check(ports),
             Ok(Dollar::EndCheck) => self.end_check(),
             Ok(Dollar::Home(mask)) => self.home(mask, ports),
-            Ok(Dollar::Sleep) => self.sleep(ports),
+            Ok(Dollar::Sleep) => self.sleep(None, ports),
+            Ok(Dollar::Boot(bootloader)) => self.boot(bootloader, ports),
             Ok(Dollar::Jog(_)) => {
                 self.line.source = Source::Jog;
                 self.interpret(ports)
@@ -341,14 +342,23 @@ impl Session {
         self.answer_and_reset()
     }
 
-    /// Switches everything off until a reset. The notice of the machine follows the answer.
-    pub(super) fn sleep(&mut self, ports: &mut Ports<'_, '_>) -> Progress {
+    /// Hands over to a bootloader; the statement does not exist where the board has no such bootloader.
+    fn boot(&mut self, bootloader: Bootloader, ports: &mut Ports<'_, '_>) -> Progress {
+        if self.power_up.bootloaders.has(bootloader) {
+            self.sleep(Some(bootloader), ports)
+        } else {
+            self.refuse(LineError::InvalidStatement)
+        }
+    }
+
+    /// Switches everything off until a reset, or until a bootloader begins. The notice of the machine follows the answer.
+    fn sleep(&mut self, until: Option<Bootloader>, ports: &mut Ports<'_, '_>) -> Progress {
         if !self.path.is_done(ports.machine) {
             return self.await_standstill();
         }
         self.cutter_path.cancel(&self.path, &mut self.line);
         self.path.send_work(Work::Sleep, ports.entries);
         answer(&mut self.reports.message, Ok(()));
-        self.enter(LineStage::Asleep)
+        self.enter(LineStage::Asleep(until))
     }
 }

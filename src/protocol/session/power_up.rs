@@ -1,7 +1,7 @@
 //! How the firmware has begun to run.
 
 use crate::{
-    model::{Alarm, ResetCause, SelfTestFault},
+    model::{Alarm, Bootloaders, ResetCause, SelfTestFault},
     protocol::{
         report::{self, Feedback},
         text::Text,
@@ -15,6 +15,8 @@ pub(super) struct PowerUp {
     pub(super) reset_cause: ResetCause,
     /// What the self-test at power-up has found wrong.
     pub(super) self_test_fault: Option<SelfTestFault>,
+    /// The bootloaders to which the board can hand over.
+    pub(super) bootloaders: Bootloaders,
     /// The alarm that was reported last.
     pub(super) last_alarm: Option<Alarm>,
 }

@@ -2,7 +2,7 @@
 
 use super::{PathSender, persistence::AfterStore};
 use crate::{
-    model::Awaited,
+    model::{Awaited, Bootloader},
     protocol::{dollar::List, report::Feedback},
     settings::StoredLine,
 };
@@ -47,8 +47,8 @@ pub(in crate::protocol) enum LineStage {
     Faulting,
     /// Only a reset ends the line, and answers it.
     Faulted,
-    /// Asleep: only a reset ends it.
-    Asleep,
+    /// Asleep: only a reset ends it, or the bootloader that is wanted.
+    Asleep(Option<Bootloader>),
 }
 
 /// What follows when the machine has done everything that a line asked for.
@@ -139,7 +139,7 @@ impl LineStage {
             | Self::Resetting
             | Self::Faulting
             | Self::Faulted
-            | Self::Asleep => Awaited::ENTRIES,
+            | Self::Asleep(_) => Awaited::ENTRIES,
         }
     }
 }

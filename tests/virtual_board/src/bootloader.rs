@@ -14,12 +14,16 @@ pub(crate) const MOST_INTERRUPTS: usize = 97;
 const VECTORS: usize = 16 + MOST_INTERRUPTS;
 /// Its instructions, behind its vectors and what these lead to.
 pub(crate) const HANDLER: u32 = PLACE + 4 * VECTORS as u32;
-const ENTRY: u32 = HANDLER + 4;
+/// Where it begins.
+pub(crate) const ENTRY: u32 = HANDLER + 4;
 /// The RAM that all chips have, at whose end is the bootloader's stack.
 pub(crate) const RAM_START: u32 = 0x2000_0000;
 const RAM: [u32; 2] = [RAM_START, 0x2002_0000];
-/// The word that says which bootloader runs, from 1 on; with none, the firmware begins as out of a reset.
-pub(crate) const SELECTION: u32 = 0x2001_FFF0;
+/// The word that says which bootloader runs, from 1 on; with none, the firmware begins as out of a reset. It is between
+/// the firmware's statics and its stack, so that a bootloader runs at each reset of a case.
+pub(crate) const SELECTION: u32 = 0x2001_8000;
+/// Where TinyUF2 looks for its mark: the end of the RAM of its ports/stm32f4.
+pub(crate) const UF2_PLACE: u32 = 0x2000_FFFC;
 /// What is left in RAM.
 const PATTERN: u32 = 0xDEAD_BEEF;
 
@@ -73,12 +77,13 @@ impl State {
         has_lse: true,
     };
 
-    /// The bootloader that leaves this.
-    fn code(self, crystal_mhz: u32, interrupts: u32) -> Code {
+    /// The bootloader that leaves this, with its number.
+    fn code(self, number: u16, crystal_mhz: u32, interrupts: u32) -> Code {
         let mut code = Code::default();
         code.mask_interrupts();
         code.store(VTOR, PLACE);
         code.fill_ram();
+        code.store(SELECTION, number.into());
         if self.has_pll {
             code.start_pll(crystal_mhz);
         }
@@ -116,7 +121,7 @@ pub(crate) fn image(
     let [_, end] = RAM;
     let mut code = Code::default();
     for (number, state) in (1..).zip(states) {
-        let mut start = state.code(crystal_mhz, interrupts);
+        let mut start = state.code(number, crystal_mhz, interrupts);
         start.jump_to(firmware, end - 0x100);
         code.select(number, start);
     }

@@ -111,6 +111,28 @@ impl Mode {
     }
 }
 
+/// What the chip's own bootloader finds as out of a reset with BOOT0 high: RM0090 3.9.1, 7.3, 9.3.1, 12.3.1, 26.6.20.
+pub(crate) fn not_as_for_rom(machine: &mut Machine) -> Vec<String> {
+    const WANTED: [(&str, u64, u64); 9] = [
+        ("RCC_CR", 0x4002_3800, 0x83),
+        ("RCC_PLLCFGR", 0x4002_3804, 0x2400_3010),
+        ("RCC_CFGR", 0x4002_3808, 0),
+        ("RCC_AHB1ENR", 0x4002_3830, 0x10_0000),
+        ("RCC_APB1ENR", 0x4002_3840, 0),
+        ("RCC_APB2ENR", 0x4002_3844, 0x4000),
+        ("FLASH_ACR", FLASH_ACR, 0),
+        ("EXTI_IMR", EXTI_IMR, 0),
+        ("RTC_BKP19R", 0x4000_289C, 0),
+    ];
+    let words = WANTED.map(|(name, address, wanted)| (name, machine.chip.word(address), wanted));
+    let others = words.into_iter().filter(|(_, word, wanted)| word != wanted);
+    others
+        .map(|(name, word, wanted)| {
+            format!("{name} is {word:#x} before the chip's own bootloader, not {wanted:#x}")
+        })
+        .collect()
+}
+
 /// Everything that differs.
 pub(crate) fn faults(bench: &Bench, machine: &mut Machine, words: &[u32]) -> Vec<String> {
     let Ok(wiring) = bench.wiring() else {

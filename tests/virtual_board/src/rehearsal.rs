@@ -7,7 +7,7 @@ use std::{
 };
 
 use anyhow::{Context as _, Result, ensure};
-use board_data::Input;
+use board_data::{Board, Input};
 use rigless::image::Image;
 
 mod states;
@@ -276,6 +276,7 @@ fn script(bench: &Bench, extent: Extent) -> Result<Vec<Act>> {
             script.extend(start(bench.axes));
         }
     }
+    script.extend(hand_overs(&bench.board, right));
     script.extend(wrong_crystals(bench, right));
     script.extend(wrong_chips(bench, right, is_short));
     script.extend(power_cuts(right, is_short));
@@ -293,6 +294,58 @@ fn script(bench: &Bench, extent: Extent) -> Result<Vec<Act>> {
     }
     script.extend(faults_in_motion(bench, right)?);
     Ok(script)
+}
+
+/// `$DFU` and `$UF2`, also where a bootloader has run before; only at rest.
+fn hand_overs(board: &Board, right: PowerUp) -> Vec<Act> {
+    let mut script = vec![Act::Part("other bootloaders")];
+    for (has_it, statement, wanted) in [
+        (
+            board.has_usb_bootloader(),
+            "$DFU",
+            [Wanted::HandedOver(1), Wanted::Resets(&["Core"])],
+        ),
+        (
+            board.uf2_family.is_some(),
+            "$UF2",
+            [Wanted::HandedOver(0), Wanted::Uf2Mark],
+        ),
+    ] {
+        for bootloader in [None, Some(0)] {
+            let power_up = PowerUp {
+                bootloader,
+                ..right
+            };
+            let behind = if bootloader.is_some() {
+                " behind another bootloader"
+            } else {
+                ""
+            };
+            script.extend([
+                Act::Case(format!("{statement}{behind}"), power_up),
+                Act::Await("Grbl "),
+            ]);
+            if !has_it {
+                script.push(Act::Refused(statement));
+                script.push(Act::Want(Wanted::Lines("error:3".into(), 1)));
+                continue;
+            }
+            script.extend([
+                Act::line("M3S1000"),
+                Act::Bytes(b"G91G1X1F600\n"),
+                Act::State("Run"),
+                Act::Refused(statement),
+                Act::Want(Wanted::Lines("error:8".into(), 1)),
+                Act::State("Idle"),
+                Act::line(statement),
+                Act::Await("Grbl "),
+                Act::Want(Wanted::Inactive("spindle")),
+            ]);
+            script.extend(wanted.clone().map(Act::Want));
+            script.extend([Act::Want(Wanted::No("ALARM:")), Act::line("G91G1X1F600")]);
+        }
+    }
+    script
 }
 
 /// What every start must be able to: all axes move by exact steps.

@@ -71,6 +71,7 @@ struct Marks {
     energised: usize,
     words: usize,
     erased: usize,
+    handed_over: usize,
     at_ns: u64,
 }
 
@@ -107,6 +108,11 @@ pub(crate) struct Run {
     counted_from: Option<usize>,
     counted: usize,
     remembered: Vec<String>,
+    /// The resets before the last entry of the bootloaders, and their entries without a reset before.
+    resets_at_entry: Option<usize>,
+    handed_over: usize,
+    /// What was where TinyUF2 has its mark, at the last entry.
+    uf2_word: u64,
     /// What has been changed in the firmware: an address and its word.
     damaged: Option<(u64, u64)>,
     now: VirtualNanos,
@@ -145,6 +151,9 @@ impl Run {
             counted_from: None,
             counted: 0,
             remembered: Vec::new(),
+            resets_at_entry: None,
+            handed_over: 0,
+            uf2_word: 0,
             damaged: None,
             now: VirtualNanos(0),
             part: None,
@@ -158,7 +167,9 @@ impl Run {
 
     /// Has arrivals at `main` and at the bootloaders' handler reported, and at the firmware's until then.
     pub(crate) fn watch_start(&self, session: &mut Session<Machine>) {
-        session.watch(Watched::Instruction(bootloader::HANDLER.into()));
+        for address in [bootloader::HANDLER, bootloader::ENTRY] {
+            session.watch(Watched::Instruction(address.into()));
+        }
         if let Some(main) = self.main {
             session.watch(Watched::Instruction(main));
         }
@@ -171,7 +182,29 @@ impl Run {
         }
     }
 
-    fn arrive(&mut self, address: u64, session: &mut Session<Machine>) {
+    /// A bootloader begins: out of a reset, or since the firmware has handed over to the chip's own.
+    fn enter_bootloader(&mut self, session: &mut Session<Machine>, host: &mut dyn Host) {
+        let word = host.read(bootloader::UF2_PLACE.into(), Width::W32);
+        self.uf2_word = word.unwrap_or_default();
+        let resets = session.resets().len();
+        if self.resets_at_entry.replace(resets) != Some(resets) {
+            return;
+        }
+        self.handed_over += 1;
+        self.is_initialised = false;
+        for fault in compare::not_as_for_rom(session.board_mut()) {
+            self.watch.fault(fault, None);
+        }
+        if self.watch.has_watchdog() {
+            let message = "the watchdog runs before the chip's own bootloader";
+            self.watch.fault(message, None);
+        }
+    }
+
+    fn arrive(&mut self, address: u64, session: &mut Session<Machine>, host: &mut dyn Host) {
+        if address == u64::from(bootloader::ENTRY) {
+            return self.enter_bootloader(session, host);
+        }
         if self.main == Some(address) && !self.is_initialised {
             self.is_initialised = true;
             for &handler in &self.handlers {
@@ -480,6 +513,7 @@ impl Run {
             energised: self.plant.energised,
             words: self.watch.words,
             erased: self.watch.erased,
+            handed_over: self.handed_over,
             at_ns: self.now.0,
         }
     }
@@ -558,7 +592,12 @@ impl Run {
 }
 
 impl Driver<Machine> for Run {
-    fn on_settled(&mut self, session: &mut Session<Machine>, _: &mut dyn Host, settled: Settled) {
+    fn on_settled(
+        &mut self,
+        session: &mut Session<Machine>,
+        host: &mut dyn Host,
+        settled: Settled,
+    ) {
         if session.resets().len() > self.resets {
             self.restart(session);
         }
@@ -570,7 +609,7 @@ impl Driver<Machine> for Run {
             }
             Settled::Stop(_) => session.board_mut().chip.correct_ready_flags(),
             Settled::Hit(hit) if hit.kind == HitKind::Instruction => {
-                self.arrive(hit.address, session);
+                self.arrive(hit.address, session, host);
             }
             _ => {}
         }

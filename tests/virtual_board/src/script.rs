@@ -111,6 +111,10 @@ pub(crate) enum Wanted {
     Remembered(&'static str),
     /// The supply was cut.
     Cut,
+    /// The chip's own bootloader has begun so many times without a reset.
+    HandedOver(usize),
+    /// The mark for TinyUF2 was in RAM at the last reset.
+    Uf2Mark,
     /// So many steps of each axis, or some of motors that are driven by phases.
     Moved(usize),
     /// So many sectors that are erased.

@@ -82,6 +82,11 @@ impl Watch {
         };
     }
 
+    /// Whether the watchdog runs.
+    pub(crate) fn has_watchdog(&self) -> bool {
+        self.fed_at.is_some()
+    }
+
     pub(crate) fn fault(&mut self, message: impl Into<String>, by: Option<u64>) {
         self.faults.entry(message.into()).or_insert(by);
     }

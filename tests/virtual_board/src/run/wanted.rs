@@ -5,6 +5,9 @@ use rigless::session::Session;
 use super::Run;
 use crate::{compare, job, machine::Machine, rehearsal::STEPS_PER_MM, script::Wanted};
 
+/// What starts TinyUF2 as if the reset button had been pressed twice: `DBL_TAP_MAGIC` in its src/board_api.h.
+const UF2_MARK: u64 = 0xF016_69EF;
+
 impl Run {
     /// Looks whether something is as it should be.
     pub(super) fn compare(&mut self, wanted: &Wanted, session: &mut Session<Machine>) {
@@ -54,6 +57,14 @@ impl Run {
                 let is_cut = session.board_mut().chip.flash.is_cut || self.plant.is_cut();
                 (!is_cut).then(|| "the supply is not cut: less is stored than before".into())
             }
+            Wanted::HandedOver(count) => {
+                let entered = self.handed_over - self.marks.handed_over;
+                (entered != *count).then(|| {
+                    format!("the chip's own bootloader begins {entered} times instead of {count}")
+                })
+            }
+            Wanted::Uf2Mark => (self.uf2_word != UF2_MARK)
+                .then(|| format!("TinyUF2 finds {:#x} instead of its mark", self.uf2_word)),
             Wanted::Erased(count) => {
                 let erased = self.watch.erased - self.marks.erased;
                 (erased != *count)
