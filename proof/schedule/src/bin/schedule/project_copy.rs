@@ -8,7 +8,7 @@ use std::{
 
 use anyhow::{Context, Result, anyhow, ensure};
 use common::cargo;
-use firmware::boards::Board;
+use firmware::boards::{Board, compile, seal};
 use object::{Object, ObjectSegment};
 use schedule::{Clock, Input, Report};
 
@@ -40,6 +40,12 @@ impl<'a> ProjectCopy<'a> {
             elf: place.join("changed.elf"),
         };
         ensure!(new.build()?, "the firmware cannot be built");
+        let mut built_here = compile::read(&new.elf)?;
+        seal::seal(&mut built_here)?;
+        ensure!(
+            flashed(&built_here)? == flashed(&compile::image(board, &[])?)?,
+            "the firmware differs from the one built of the same sources in another folder"
+        );
         ensure!(
             new.analyse()?.flaws.is_empty(),
             "the firmware is not proven"
@@ -105,16 +111,18 @@ impl<'a> ProjectCopy<'a> {
 
     /// The flashed bytes of the program.
     pub(crate) fn code(&self) -> Result<Vec<u8>> {
-        let elf = &self.elf;
-        let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
-        let file = object::File::parse(&*bytes)
-            .with_context(|| format!("{} is no ELF file", elf.display()))?;
-        let mut code = Vec::new();
-        for segment in file.segments() {
-            code.extend_from_slice(segment.data()?);
-        }
-        Ok(code)
+        flashed(&compile::read(&self.elf)?)
     }
+}
+
+/// The flashed bytes of an ELF file.
+fn flashed(elf: &[u8]) -> Result<Vec<u8>> {
+    let file = object::File::parse(elf).context("no ELF file")?;
+    let mut code = Vec::new();
+    for segment in file.segments() {
+        code.extend_from_slice(segment.data()?);
+    }
+    Ok(code)
 }
 
 /// Copies a folder of the project.
