@@ -18,6 +18,8 @@ mod report;
 pub mod sender;
 
 #[cfg(feature = "os")]
+pub mod guard;
+#[cfg(feature = "os")]
 pub mod link;
 #[cfg(feature = "os")]
 mod machine;
@@ -29,6 +31,8 @@ pub use line::{Line, Lines, Response};
 pub use report::{NoReport, Report, Room, Status, numbers};
 pub use sender::{InFlight, Sender, WINDOW};
 
+#[cfg(feature = "os")]
+pub use guard::Guard;
 #[cfg(feature = "os")]
 pub use link::Link;
 #[cfg(feature = "os")]

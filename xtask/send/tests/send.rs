@@ -2,8 +2,13 @@
 
 mod support;
 
-use std::fs;
+use std::{
+    fs,
+    time::{Duration, Instant},
+};
 
+use grbl_client::{Link, Machine};
+use rustix::process::Signal;
 use support::{Cable, Sending, Simulator, machined::MachinedPath, path};
 use tempfile::{TempDir, tempdir};
 
@@ -62,6 +67,8 @@ G0 X0 Y0
 M2
 ";
 
+/// How long a line may be another's.
+const WAIT: Duration = Duration::from_secs(30);
 /// The surface of the workpiece, in steps: the origin of the job's work coordinates.
 const SURFACE: i32 = -24;
 
@@ -335,6 +342,51 @@ fn ctrl_c_holds_and_a_second_one_ends_the_job_which_is_continued_only_with_a_yes
         log.contains("there is no record of an interrupted job"),
         "{log}"
     );
+}
+
+/// The state of the simulator at an address, once nobody else has its line.
+fn state(address: &str) -> String {
+    let since = Instant::now();
+    loop {
+        let link = Link::open(None, 0, Some(address), WAIT).unwrap();
+        match Machine::connect(link, WAIT, None) {
+            Ok(machine) => return machine.status.report.state,
+            Err(error) => assert!(since.elapsed() < WAIT, "{error:#}"),
+        }
+    }
+}
+
+#[test]
+fn a_closed_terminal_and_a_killed_program_hold_the_machine() {
+    let folder = tempdir().unwrap();
+    let job = file(&folder, "job.nc", &short("G1 X60 F200"));
+    for signal in [Signal::KILL, Signal::ABORT] {
+        let (_simulator, address) = Simulator::tcp(&[], &SETTINGS);
+        let mut sending = Sending::start(&[&job, "--tcp", &address]);
+        sending.until("Run ");
+        sending.signal(signal);
+        sending.fails();
+        assert!(state(&address).starts_with("Hold:"), "{signal:?}");
+    }
+    for signal in [Signal::HUP, Signal::QUIT] {
+        let (_simulator, address) = Simulator::tcp(&[], &SETTINGS);
+        let mut sending = Sending::start(&[&job, "--tcp", &address]);
+        sending.until("Run ");
+        sending.signal(signal);
+        sending.until("the machine is held");
+        sending.signal(Signal::KILL);
+        sending.fails();
+        assert!(state(&address).starts_with("Hold:"), "{signal:?}");
+    }
+}
+
+#[test]
+fn a_machine_is_left_alone_when_its_job_has_ended() {
+    let folder = tempdir().unwrap();
+    let job = file(&folder, "job.nc", &short("G1 X3 F200"));
+    let (_simulator, address) = Simulator::tcp(&[], &SETTINGS);
+    Sending::start(&[&job, "--tcp", &address]).succeeds();
+    assert_eq!(state(&address), "Idle");
 }
 
 #[test]

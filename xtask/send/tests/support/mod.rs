@@ -163,8 +163,12 @@ impl Sending {
     }
 
     pub(crate) fn interrupt(&self) {
+        self.signal(Signal::INT);
+    }
+
+    pub(crate) fn signal(&self, signal: Signal) {
         let id = Pid::from_raw(self.process.id().cast_signed()).unwrap();
-        rustix::process::kill_process(id, Signal::INT).unwrap();
+        rustix::process::kill_process(id, signal).unwrap();
     }
 
     /// Whether it succeeds, and all that it has printed and said.

@@ -16,7 +16,7 @@ use std::{fs, path::Path, process::ExitCode, sync::Arc};
 use anyhow::{Context, Result, ensure};
 use common::options::{self, Monitor as Options, Verb};
 use common::ui;
-use grbl_client::Machine;
+use grbl_client::{Guard, Machine, guard};
 use simulation::{
     Job, interrupt::interruptions, output::Output, playing::RaisedAlarm, program::Program, pty::Pty,
 };
@@ -30,6 +30,7 @@ use track::Track;
 use watch::Watch;
 
 fn main() -> ExitCode {
+    guard::become_guard_if_asked();
     common::main(|| match options::read() {
         Verb::Monitor(options) => run(&options),
         other => other.refuse(),
@@ -62,7 +63,13 @@ fn run(options: &Options) -> Result<ExitCode> {
     let at = page::serve(&options.http, &shared, job)?;
     ui::status("Showing", &format!("http://{at}/ (Ctrl-C ends)"));
     let mut job = program.map(Sending::new);
+    let guard = job.as_ref().map(|_| Guard::of(watch.link())).transpose()?;
     let watched = watch.run(link.as_ref().map(|(pty, _)| pty), job.as_mut(), &stop);
+    match guard {
+        Some(mut guard) if watched.is_ok() => guard.dismiss(),
+        // It holds the machine.
+        guard => drop(guard),
+    }
     shared.change(picture::Picture::end);
     page::wait_for_pages(&shared);
     if let (Some(output), Some(path)) = (svg, &options.svg) {

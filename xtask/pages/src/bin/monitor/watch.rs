@@ -9,7 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use grbl_client::{
     Link,
     link::{self, PollFlags},
@@ -82,6 +82,11 @@ impl Watch {
         }
     }
 
+    /// The line to the machine.
+    pub(crate) const fn link(&self) -> &Link {
+        &self.link
+    }
+
     /// Shows where the machine is now, with what it is going to do, where that is known.
     pub(crate) fn begin(
         &mut self,
@@ -110,7 +115,11 @@ impl Watch {
                 job.feed(&mut self.to_machine)?;
             }
             if self.exchange(sender, stop)? {
-                return if job.is_some() { self.hold() } else { Ok(()) };
+                ensure!(
+                    job.is_none(),
+                    "the job was interrupted, and the machine is held: ~ goes on, a reset ends it"
+                );
+                return Ok(());
             }
             for sighting in std::mem::take(&mut self.seen) {
                 self.update(&sighting, job.as_deref_mut())?;
@@ -119,13 +128,6 @@ impl Watch {
                 return Ok(());
             }
         }
-    }
-
-    /// Holds a machine that is left during a job. Without the hold, the machine would execute the queued lines and
-    /// stand still with its spindle on.
-    fn hold(&self) -> Result<()> {
-        self.link.write(&mut vec![realtime::HOLD])?;
-        bail!("the job was interrupted, and the machine is held: ~ goes on, a reset ends it")
     }
 
     /// Adds to the picture what has been seen.

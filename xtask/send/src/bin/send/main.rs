@@ -23,7 +23,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use common::options::{self, Send as Options, Verb};
 use common::{text::duration, ui};
 use grbl_client::{
-    Link, Machine, MachineAnswers,
+    Guard, Link, Machine, MachineAnswers, guard,
     link::{self, LinkLost, PollFlags, Stopped},
 };
 use leadscrew::{axis::AXES, units::Nm};
@@ -51,6 +51,7 @@ const STOP: Duration = Duration::from_secs(30);
 const RETRY: Duration = Duration::from_millis(500);
 
 fn main() -> ExitCode {
+    guard::become_guard_if_asked();
     common::main(|| match options::read() {
         Verb::Send(options) => run(&options).map_err(|error| {
             if error.is::<Stopped>() {
@@ -139,6 +140,7 @@ fn send(
     let travel = |axis| settings.travel(axis).map(|ends| ends.map(Nm::to_mm_f64));
     job.travel_mm = (0..AXES).map(travel).collect();
     let mut run = Run {
+        guard: Guard::of(&machine.link)?,
         job,
         machine,
         keyboard,
@@ -288,6 +290,7 @@ fn is_confirmed(options: &Options, keyboard: &mut Keyboard, stop: &UnixStream) -
 
 /// A job on its way.
 struct Run<'a> {
+    guard: Guard,
     job: Transmission,
     machine: Machine,
     keyboard: &'a mut Keyboard,
@@ -397,6 +400,10 @@ impl Run<'_> {
     fn finish(mut self, ended: Result<()>, options: &Options) -> Result<ExitCode> {
         for note in self.job.take_notes() {
             println!("{note}");
+        }
+        // In every other case the machine may still move.
+        if matches!(self.job.phase, Phase::Done | Phase::Failed(_)) {
+            self.guard.dismiss();
         }
         if let Err(error) = ended {
             self.keep();
