@@ -21,8 +21,8 @@ impl Lines {
         self.received.extend(bytes);
     }
 
-    /// The next whole line, without its end. What is no UTF-8 becomes U+FFFD; a line that is
-    /// [too long](Self::is_too_long) is left out.
+    /// The next whole line, without its end. What is no UTF-8 becomes U+FFFD, and control characters, which a terminal
+    /// would obey, become their pictures; a line that is [too long](Self::is_too_long) is left out.
     pub fn next_line(&mut self) -> Option<String> {
         loop {
             let Some(length) = self.received.iter().position(|byte| *byte == b'\n') else {
@@ -35,7 +35,8 @@ impl Lines {
             let line: Vec<u8> = self.received.drain(..=length).collect();
             if !std::mem::take(&mut self.is_too_long) && length <= LONGEST {
                 let text = String::from_utf8_lossy(&line);
-                return Some(text.trim_end_matches(['\r', '\n']).into());
+                let text = text.trim_end_matches(['\r', '\n']);
+                return Some(text.chars().map(printable).collect());
             }
         }
     }
@@ -51,6 +52,19 @@ impl Lines {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.received.is_empty()
+    }
+}
+
+/// A character, or the picture of a control character: U+2400 to U+2421. Those above ASCII have none.
+fn printable(character: char) -> char {
+    match character {
+        '\t' => '\t',
+        '\0'..=' ' if character != ' ' => {
+            char::from_u32(0x2400 + u32::from(character)).unwrap_or(char::REPLACEMENT_CHARACTER)
+        }
+        '\x7f' => '␡',
+        _ if character.is_control() => char::REPLACEMENT_CHARACTER,
+        _ => character,
     }
 }
 
@@ -164,6 +178,14 @@ mod tests {
             assert_eq!(seen, [welcome, "", "ok", "error:2", "\u{fffd}\u{fffd}"]);
             assert!(!lines.is_empty());
         }
+    }
+
+    #[test]
+    fn a_terminal_obeys_nothing_of_a_line() {
+        let mut lines = Lines::default();
+        lines.push("[MSG:\x1b]52;c;ZWNobwo=\x07\u{9b}2J\x7f\ttext é]\r\n".as_bytes());
+        let line = lines.next_line().unwrap();
+        assert_eq!(line, "[MSG:␛]52;c;ZWNobwo=␇\u{fffd}2J␡\ttext é]");
     }
 
     #[test]

@@ -8,6 +8,7 @@ use std::{
     process::{Child, ChildStderr, Command, Stdio},
     sync::mpsc::{Sender, TryRecvError, channel},
     thread,
+    time::{Duration, Instant},
 };
 
 use rustix::process::{Pid, Signal};
@@ -61,8 +62,12 @@ impl Monitor {
     }
 
     fn interrupt(&self) {
+        self.signal(Signal::INT);
+    }
+
+    fn signal(&self, signal: Signal) {
         let id = Pid::from_raw(self.process.id().cast_signed()).unwrap();
-        rustix::process::kill_process(id, Signal::INT).unwrap();
+        rustix::process::kill_process(id, signal).unwrap();
     }
 
     /// Waits for the end: the exit status, and everything said.
@@ -186,6 +191,29 @@ fn a_job_that_is_interrupted_has_not_succeeded() {
         printed.contains("interrupted, and the machine is held"),
         "{printed}"
     );
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn the_virtual_machine_of_a_monitor_that_is_killed_ends() {
+    let mut monitor = Monitor::start(&["--sim"]);
+    monitor.address();
+    let id = monitor.process.id();
+    let children = fs::read_to_string(format!("/proc/{id}/task/{id}/children")).unwrap();
+    let child = children.split_whitespace().next().unwrap().to_owned();
+    // One that has ended may be kept for whoever asks how.
+    let runs = || {
+        let status = fs::read_to_string(format!("/proc/{child}/status"));
+        status.is_ok_and(|status| !status.contains("State:\tZ"))
+    };
+    assert!(runs());
+    monitor.signal(Signal::KILL);
+    monitor.end();
+    let since = Instant::now();
+    while runs() {
+        assert!(since.elapsed() < Duration::from_secs(30), "it runs on");
+        thread::sleep(Duration::from_millis(10));
+    }
 }
 
 #[test]

@@ -20,6 +20,20 @@ pub fn interruptions() -> Result<UnixStream> {
     catch().context("cannot catch Ctrl-C")
 }
 
+/// Set where a program is another one's, and has to end when that one is killed.
+pub const OWNED: &str = "LEADSCREW_OWNED";
+
+/// Has the program end with the one that has started it, if that wants it so: on Linux.
+pub fn end_with_owner() -> Result<()> {
+    #[cfg(target_os = "linux")]
+    if std::env::var_os(OWNED).is_some() {
+        let signal = Some(rustix::process::Signal::TERM);
+        rustix::process::set_parent_process_death_signal(signal)
+            .context("cannot end with the program that has started this one")?;
+    }
+    Ok(())
+}
+
 /// Whether a process ignores a signal, by what Linux says of the process.
 fn is_ignored(signal: i32, status: &str) -> bool {
     let mut lines = status.lines();

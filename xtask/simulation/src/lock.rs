@@ -3,7 +3,7 @@
 use std::{
     fs::{self, File, TryLockError},
     io::{self, Read as _, Write as _},
-    os::unix::fs::MetadataExt as _,
+    os::unix::fs::{MetadataExt as _, OpenOptionsExt as _},
     path::{Path, PathBuf},
     process,
 };
@@ -30,6 +30,8 @@ impl Lock {
                 .write(true)
                 .create(true)
                 .truncate(false)
+                // Somebody may have laid a link there, to a file that is not to be written.
+                .custom_flags(rustix::fs::OFlags::NOFOLLOW.bits().cast_signed())
                 .open(&lock)
         };
         loop {
@@ -97,6 +99,12 @@ mod tests {
         );
         drop(lock);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+        let victim = folder.path().join("victim");
+        fs::write(&victim, "text").unwrap();
+        std::os::unix::fs::symlink(&victim, folder.path().join("tty.lock")).unwrap();
+        assert!(Lock::of(&path).is_err());
+        assert_eq!(fs::read_to_string(&victim).unwrap(), "text");
+        fs::remove_file(folder.path().join("tty.lock")).unwrap();
         // What a process leaves behind that was killed.
         fs::write(folder.path().join("tty.lock"), "1234567890\n").unwrap();
         Lock::of(&path).unwrap();

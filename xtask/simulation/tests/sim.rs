@@ -281,6 +281,23 @@ fn a_server_writes_its_files_when_it_ends() {
 }
 
 #[test]
+fn a_request_of_a_browser_is_no_program() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut server, address) = Server::tcp(folder.path(), &[]);
+    let mut browser = TcpStream::connect(&address).unwrap();
+    let request = "POST / HTTP/1.1\r\nHost: localhost\r\n\r\nG0X7\n";
+    browser.write_all(request.as_bytes()).unwrap();
+    let refused = server.expect_line("Refused");
+    assert!(refused.ends_with("a browser is no sender"), "{refused}");
+    let mut sender = TcpStream::connect(&address).unwrap();
+    talk(&sender, "G4P0\n");
+    sender.write_all(b"?").unwrap();
+    let mut report = String::new();
+    BufReader::new(sender).read_line(&mut report).unwrap();
+    assert!(report.starts_with("<Idle|MPos:0.000,"), "{report}");
+}
+
+#[test]
 fn a_second_sender_is_refused_with_who_is_connected() {
     let folder = tempfile::tempdir().unwrap();
     let (mut server, address) = Server::tcp(folder.path(), &[]);

@@ -16,6 +16,7 @@ use rustix::{
     fs::{Mode, OFlags},
     process::{Pid, Signal},
 };
+use simulation::interrupt;
 use tempfile::TempDir;
 
 use crate::track::AXES;
@@ -59,6 +60,7 @@ impl Source {
         }
         let process = command
             .args(set.iter().flat_map(|setting| ["--set", setting]))
+            .env(interrupt::OWNED, "1")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(fs::File::create(folder.path().join("messages"))?)

@@ -76,6 +76,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         second: &options.second,
     };
     let simulator = power_up.simulator()?;
+    interrupt::end_with_owner()?;
     // Caught from here on: Ctrl-C leaves no file that is half written.
     let interrupted = interrupt::interruptions()?;
     let recording = Recording::create(options, simulator.session())?;

@@ -47,6 +47,10 @@ pub(crate) trait Port {
     fn open_door(&mut self) -> Option<Vec<u8>> {
         None
     }
+    /// Returns whether the first bytes of whoever is connected are no sender's.
+    fn refuses(&mut self, _first: &[u8]) -> bool {
+        false
+    }
     /// Forgets who was connected, and is gone.
     fn part(&mut self) {}
 }
@@ -77,6 +81,7 @@ impl<'a, R: Recorder> Server<'a, R> {
         loop {
             while self.reads() {
                 match port.line().map(|line| rustix::io::read(line, &mut chunk)) {
+                    Some(Ok(length @ 1..)) if port.refuses(&chunk[..length]) => port.part(),
                     Some(Ok(length @ 1..)) => self.machine.send(&chunk[..length]),
                     None | Some(Err(Errno::AGAIN | Errno::INTR)) => break,
                     Some(Ok(0) | Err(_)) => {

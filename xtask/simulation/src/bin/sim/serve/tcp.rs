@@ -12,10 +12,46 @@ use simulation::holder;
 
 use super::Port;
 
+/// What requests of browsers begin with: any page can have them sent to this computer, with G-code in them.
+const REQUESTS: [&[u8]; 9] = [
+    b"GET ",
+    b"POST ",
+    b"HEAD ",
+    b"PUT ",
+    b"OPTIONS ",
+    b"PATCH ",
+    b"DELETE ",
+    b"CONNECT ",
+    b"TRACE ",
+];
+
 /// A listening socket and the sender that is connected.
 pub(crate) struct Tcp {
     listener: TcpListener,
-    sender: Option<(TcpStream, SocketAddr)>,
+    sender: Option<Sender>,
+}
+
+/// A sender that is connected.
+struct Sender {
+    stream: TcpStream,
+    address: SocketAddr,
+    /// Its process, where that is known, for everybody else.
+    name: String,
+    /// It has sent something.
+    has_begun: bool,
+}
+
+impl Sender {
+    fn new(stream: TcpStream, address: SocketAddr) -> Self {
+        let process = holder::of_address(address);
+        let process = process.map_or(String::new(), |process| format!(", {process}"));
+        Self {
+            stream,
+            address,
+            name: format!("{address}{process}"),
+            has_begun: false,
+        }
+    }
 }
 
 impl Tcp {
@@ -40,7 +76,7 @@ impl Tcp {
 
 impl Port for Tcp {
     fn line(&self) -> Option<BorrowedFd<'_>> {
-        self.sender.as_ref().map(|(stream, _)| stream.as_fd())
+        self.sender.as_ref().map(|sender| sender.stream.as_fd())
     }
 
     fn door(&self) -> Option<BorrowedFd<'_>> {
@@ -50,24 +86,34 @@ impl Port for Tcp {
     /// Takes who wants to connect if nobody is, and tells everybody else who that is.
     fn open_door(&mut self) -> Option<Vec<u8>> {
         while let Ok((mut stream, from)) = self.listener.accept() {
-            if let Some((_, address)) = &self.sender {
-                let process = holder::of_address(*address);
-                let process = process.map_or(String::new(), |process| format!(", {process}"));
-                let holder = format!("{address}{process}");
+            if let Some(Sender { name: holder, .. }) = &self.sender {
                 ui::status("Refused", &format!("{from}: {holder} is connected"));
                 // Who has gone already need not know.
                 let _ = write!(stream, "[MSG:In use by {holder}]\r\n");
             } else if usbip::prepare(&stream).is_ok() {
                 ui::status("Connected", &from.to_string());
-                self.sender = Some((stream, from));
+                self.sender = Some(Sender::new(stream, from));
             }
         }
         None
     }
 
+    fn refuses(&mut self, first: &[u8]) -> bool {
+        let Some(sender) = &mut self.sender else {
+            return false;
+        };
+        let has_begun = std::mem::replace(&mut sender.has_begun, true);
+        let is_refused = !has_begun && REQUESTS.iter().any(|request| first.starts_with(request));
+        if is_refused {
+            let from = sender.address;
+            ui::status("Refused", &format!("{from}: a browser is no sender"));
+        }
+        is_refused
+    }
+
     fn part(&mut self) {
-        if let Some((_, from)) = self.sender.take() {
-            ui::status("Left", &from.to_string());
+        if let Some(sender) = self.sender.take() {
+            ui::status("Left", &sender.address.to_string());
         }
     }
 }
