@@ -90,7 +90,7 @@ fn get(address: &str, path: &str, host: &str) -> BufReader<TcpStream> {
 }
 
 fn head(address: &str, path: &str, host: &str) -> String {
-    let lines = get(address, path, host).lines().map(Result::unwrap);
+    let lines = get(address, path, host).lines().map_while(Result::ok);
     let head: Vec<_> = lines.take_while(|line| !line.is_empty()).collect();
     head.join("\n")
 }
@@ -101,6 +101,57 @@ fn events(address: &str) -> impl Iterator<Item = Value> {
         .lines()
         .map_while(Result::ok);
     lines.filter_map(|line| serde_json::from_str(line.strip_prefix("data: ")?).ok())
+}
+
+/// What no browser of a user sends, or only for a page from elsewhere: each is refused, and the page is served on.
+fn check_attacks(address: &str) {
+    let host = format!("Host: {address}\r\n");
+    let endless = format!("GET /{} HTTP/1.1\r\n{host}\r\n", "x".repeat(100_000));
+    let fields = format!("GET / HTTP/1.1\r\n{}{host}\r\n", "A: b\r\n".repeat(1000));
+    for (request, status) in [
+        (
+            format!("POST / HTTP/1.1\r\n{host}Content-Length: 137438953472\r\n\r\nG0X7"),
+            "405",
+        ),
+        (
+            format!("GET / HTTP/1.1\r\n{host}Content-Length: 137438953472\r\n\r\nG0X7"),
+            "413",
+        ),
+        (
+            format!("GET / HTTP/1.1\r\n{host}Transfer-Encoding: chunked\r\n\r\nffffffff\r\n"),
+            "413",
+        ),
+        (format!("DELETE / HTTP/1.1\r\n{host}\r\n"), "405"),
+        ("GET / HTTP/1.1\r\n\r\n".into(), "403"),
+        ("\0\x1b[2J / HTTP\r\n\r\n".into(), "400"),
+        (fields, "4"),
+        (endless, "431"),
+    ] {
+        let mut stream = TcpStream::connect(address).unwrap();
+        // It may be refused before it has gone.
+        let _ = stream.write_all(request.as_bytes());
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        let answer = String::from_utf8_lossy(&answer);
+        let beginning: String = request.chars().take(60).collect();
+        let is_cut = answer.is_empty() && request.len() > 10_000;
+        let expected = format!("HTTP/1.1 {status}");
+        assert!(
+            is_cut || answer.starts_with(&expected),
+            "{beginning:?}: {answer}"
+        );
+    }
+    // More than there may be, none of which says anything; they are given up after a while.
+    let idle: Vec<_> = (0..200).map(|_| TcpStream::connect(address)).collect();
+    drop(idle);
+    let since = Instant::now();
+    while !head(address, "/", address).starts_with("HTTP/1.1 200") {
+        assert!(
+            since.elapsed() < Duration::from_secs(30),
+            "it serves no more"
+        );
+        thread::sleep(Duration::from_millis(50));
+    }
 }
 
 /// The page is there, for this computer alone, and refuses what comes from elsewhere.
@@ -139,6 +190,7 @@ fn the_experiment_is_shown_from_its_begin_to_its_end() {
     ]);
     let address = monitor.address();
     check_pages(&address);
+    check_attacks(&address);
     let (mut points, mut all, mut last) = (Vec::new(), 0, Value::Null);
     for (number, event) in events(&address).enumerate() {
         if number == 50 {

@@ -1,5 +1,6 @@
 //! `cargo xtask monitor`: a live picture of what a machine does.
 
+mod http;
 mod page;
 mod path_follower;
 mod picture;

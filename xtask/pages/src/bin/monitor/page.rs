@@ -5,17 +5,19 @@
 
 use std::{
     io::{self, Write},
-    net::SocketAddr,
+    net::{SocketAddr, TcpListener},
     sync::Arc,
     thread,
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result};
 use simulation::Job;
-use tiny_http::{Header, Method, Request, Response, Server};
 
-use crate::picture::{Shared, Shown};
+use crate::{
+    http::{self, Request},
+    picture::{Shared, Shown},
+};
 
 /// Least time between two events: a screen shows no more.
 const FRAME: Duration = Duration::from_millis(30);
@@ -66,19 +68,12 @@ impl StaticFiles {
 /// Serves the page at an address, with a job that is known in advance, and returns where.
 pub(crate) fn serve(address: &str, shared: &Arc<Shared>, job: Option<Job>) -> Result<SocketAddr> {
     let files = StaticFiles::new(job)?;
-    let server = Server::http(address)
-        .map_err(|error| anyhow!("{error}"))
-        .with_context(|| format!("cannot serve the page at {address}"))?;
-    let at = server
-        .server_addr()
-        .to_ip()
-        .context("the page has no address")?;
+    let listener = TcpListener::bind(address);
+    let listener = listener.with_context(|| format!("cannot serve the page at {address}"))?;
+    let at = listener.local_addr().context("the page has no address")?;
     let shared = shared.clone();
-    thread::spawn(move || {
-        for request in server.incoming_requests() {
-            // Who has gone needs no answer.
-            let _ = answer(request, at, &files, &shared);
-        }
+    http::serve(listener, move |request| {
+        answer(request, at, &files, &shared)
     });
     Ok(at)
 }
@@ -96,54 +91,30 @@ fn answer(
     request: Request,
     at: SocketAddr,
     files: &StaticFiles,
-    shared: &Arc<Shared>,
+    shared: &Shared,
 ) -> io::Result<()> {
-    let host = request
-        .headers()
-        .iter()
-        .find(|header| header.field.equiv("Host"));
-    if !host.is_some_and(|host| is_this_computer(host.value.as_str(), at)) {
-        return request.respond(Response::from_string("wrong host").with_status_code(403));
+    if !is_this_computer(&request.host, at) {
+        return request.answer("403 Forbidden", &[], b"wrong host");
     }
-    if *request.method() != Method::Get {
-        return request.respond(Response::from_string("only GET").with_status_code(405));
-    }
-    let path = request
-        .url()
-        .split('?')
-        .next()
-        .unwrap_or_default()
-        .to_owned();
-    match path.as_str() {
-        "/events" => {
-            let shared = shared.clone();
-            thread::spawn(move || events(request, &shared));
-            Ok(())
-        }
+    match request.path.as_str() {
+        "/events" => events(request, shared),
         // Browsers ask for it by themselves.
-        "/favicon.ico" => request.respond(Response::empty(204)),
-        _ => match files.0.iter().find(|(name, ..)| *name == path) {
-            Some((_, kind, content)) => respond(request, kind, content),
-            None => request.respond(Response::from_string("not found").with_status_code(404)),
+        "/favicon.ico" => request.answer("204 No Content", &[], &[]),
+        path => match files.0.iter().find(|(name, ..)| *name == path) {
+            Some((_, kind, content)) => {
+                let policy = [POLICY, FRAMES].concat();
+                let fields = [
+                    ("Content-Type", *kind),
+                    ("Content-Security-Policy", &policy),
+                    ("X-Content-Type-Options", "nosniff"),
+                    ("Referrer-Policy", "no-referrer"),
+                    ("Cache-Control", "no-store"),
+                ];
+                request.answer("200 OK", &fields, content)
+            }
+            None => request.answer("404 Not Found", &[], b"not found"),
         },
     }
-}
-
-fn respond(request: Request, kind: &str, content: &[u8]) -> io::Result<()> {
-    let mut response = Response::from_data(content);
-    let policy = [POLICY, FRAMES].concat();
-    for (field, value) in [
-        ("Content-Type", kind),
-        ("Content-Security-Policy", policy.as_str()),
-        ("X-Content-Type-Options", "nosniff"),
-        ("Referrer-Policy", "no-referrer"),
-        ("Cache-Control", "no-store"),
-    ] {
-        if let Ok(header) = Header::from_bytes(field, value) {
-            response.add_header(header);
-        }
-    }
-    request.respond(response)
 }
 
 /// Whether a request was meant for this server, by the name in it.
@@ -154,12 +125,10 @@ fn is_this_computer(host: &str, at: SocketAddr) -> bool {
 
 /// Sends the changes of the picture as they come, all of it first.
 fn events(request: Request, shared: &Shared) -> io::Result<()> {
-    let mut page = request.into_writer();
-    page.write_all(
-        b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n\
-          Connection: close\r\n\r\n",
-    )?;
-    page.flush()?;
+    let mut page = request.begin(&[
+        ("Content-Type", "text/event-stream"),
+        ("Cache-Control", "no-store"),
+    ])?;
     shared.lock().pages += 1;
     let sent = send_changes(&mut page, shared);
     shared.change(|picture| picture.pages -= 1);
