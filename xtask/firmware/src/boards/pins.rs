@@ -99,7 +99,8 @@ fn rows(board: &Board, name: &str, pins: &dyn Fn(&Wiring) -> Pins) -> String {
     let mut text = String::new();
     for (pins, axes) in grouped(board, by_axes) {
         let labels = pins.iter().filter_map(|(pin, _)| board.labels.get(pin));
-        let labels: Vec<_> = labels.map(String::as_str).collect();
+        let known = labels.map(String::as_str).filter(|label| !label.is_empty());
+        let labels: Vec<_> = known.collect();
         let pins = pins.iter().map(|(pin, note)| format!("{pin}{note}"));
         let pins: Vec<_> = pins.collect();
         if !pins.is_empty() {
