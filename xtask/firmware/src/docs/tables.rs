@@ -1,6 +1,6 @@
 //! Tables of boards within documents: each stands between two comments.
 
-use std::fmt::Write as _;
+use std::{collections::BTreeMap, fmt::Write as _};
 
 use anyhow::{Context, Result};
 use board_data::Board;
@@ -21,7 +21,7 @@ pub(crate) const TABLES: [Table; 2] = [
     Table {
         path: "README.md",
         name: "boards",
-        make: notes,
+        make: choice,
     },
     Table {
         path: "docs/boards.md",
@@ -46,20 +46,18 @@ fn replaced(document: &str, name: &str, table: &str) -> Option<String> {
     document::with_part(document, &begin, &end, &format!("\n{table}\n"))
 }
 
-/// The boards, with what a user wants to know of each.
-fn notes(boards: &[Board]) -> Result<String> {
-    let mut text =
-        String::from("| board | `--board` | the sender at | notes |\n|---|---|---|---|\n");
+/// The boards in a row for each maker and place of the sender. The maker is the first word of a board's name.
+fn choice(boards: &[Board]) -> Result<String> {
+    let mut rows: BTreeMap<(&str, String), Vec<String>> = BTreeMap::new();
     for board in boards {
-        writeln!(
-            text,
-            "| [{}](docs/boards/{}.md) | `{}` | {} | {} |",
-            board.title,
-            board.name,
-            board.name,
-            board.sender(),
-            board.about
-        )?;
+        let (title, name) = (&board.title, &board.name);
+        let (maker, model) = title.split_once(' ').unwrap_or((title, title));
+        let row = rows.entry((maker, board.sender())).or_default();
+        row.push(format!("[{model}](docs/boards/{name}.md) `{name}`"));
+    }
+    let mut text = String::from("| maker | board, `--board` | the sender at |\n|---|---|---|\n");
+    for ((maker, sender), boards) in rows {
+        writeln!(text, "| {maker} | {} | {sender} |", boards.join("<br>"))?;
     }
     Ok(text)
 }
@@ -91,6 +89,18 @@ fn step_rates(boards: &[Board]) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn boards_of_a_maker_share_a_row() {
+        let text = choice(&Board::all(cargo::root()).unwrap()).unwrap();
+        let mut rows = text.lines().filter(|row| row.starts_with("| FYSETC |"));
+        let row = rows.next().unwrap();
+        for name in ["`fysetc-s6-2`", "`fysetc-spider`", "| USB |"] {
+            assert!(row.contains(name), "{row}");
+        }
+        assert_eq!(rows.next(), None);
+        assert!(text.contains("| Flexi-HAL | [Flexi-HAL]("), "{text}");
+    }
 
     #[test]
     fn a_table_stands_between_its_comments() {
