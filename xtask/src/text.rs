@@ -11,17 +11,19 @@ pub fn row(name: &str, value: &str) {
     println!("{:>16}  {value}", name.dimmed());
 }
 
-/// A time to read: `1 h 02 min 03.4 s`.
+/// A time to read: `1 h 2 min 3 s`, and `3.250 s` below a minute.
 pub fn duration(seconds: f64) -> String {
-    let (hours, rest) = ((seconds / 3600.0).floor(), seconds % 3600.0);
-    let (minutes, rest) = ((rest / 60.0).floor(), rest % 60.0);
-    if hours > 0.0 {
-        format!("{hours} h {minutes:02} min {rest:04.1} s")
-    } else if minutes > 0.0 {
-        format!("{minutes} min {rest:04.1} s")
-    } else {
-        format!("{rest:.3} s")
+    if seconds < 60.0 {
+        return format!("{seconds:.3} s");
     }
+    let seconds = seconds.round() as u64;
+    let (hours, minutes, seconds) = (seconds / 3600, seconds / 60 % 60, seconds % 60);
+    let hours = if hours > 0 {
+        format!("{hours} h ")
+    } else {
+        String::new()
+    };
+    format!("{hours}{minutes} min {seconds} s")
 }
 
 /// A number with its digits in groups of three.
@@ -44,8 +46,9 @@ mod tests {
     #[test]
     fn durations_are_readable() {
         assert_eq!(duration(3.25), "3.250 s");
-        assert_eq!(duration(63.0), "1 min 03.0 s");
-        assert_eq!(duration(3723.4), "1 h 02 min 03.4 s");
+        assert_eq!(duration(63.0), "1 min 3 s");
+        assert_eq!(duration(3599.7), "1 h 0 min 0 s");
+        assert_eq!(duration(3723.4), "1 h 2 min 3 s");
         assert_eq!(separated(1_234_567), "1 234 567");
     }
 }

@@ -145,6 +145,7 @@ fn send(
         machine,
         keyboard,
         screen: Screen::new(lines.len()),
+        left_s: forecast.remaining_s(first, 0.0),
         forecast,
         file,
         record: Record {
@@ -296,6 +297,8 @@ struct Run<'a> {
     keyboard: &'a mut Keyboard,
     screen: Screen,
     forecast: Forecast,
+    /// The time that is left, s.
+    left_s: f64,
     file: &'a mut RecordFile,
     record: Record,
     stop: &'a mut UnixStream,
@@ -345,13 +348,12 @@ impl Run<'_> {
             self.screen.print_line(&note);
         }
         if !self.job.status.report.state.is_empty() {
-            let since_s = if self.job.status.report.is_held() {
-                0.0
-            } else {
-                since.elapsed().as_secs_f64()
-            };
-            let left = self.forecast.remaining_s(self.job.answered(), since_s);
-            self.screen.show(&self.job, Some(left));
+            // In a hold the time stands.
+            if !self.job.status.report.is_held() {
+                let since_s = since.elapsed().as_secs_f64();
+                self.left_s = self.forecast.remaining_s(self.job.answered(), since_s);
+            }
+            self.screen.show(&self.job, self.left_s);
         }
     }
 

@@ -14,6 +14,7 @@ use grbl_client::{
     link::{self, PollFlags, Stopped},
 };
 use indicatif::{ProgressBar, ProgressStyle};
+use jiff::{SignedDuration, Zoned};
 use leadscrew::axis::LETTERS;
 use rustix::{
     io::Errno,
@@ -138,10 +139,18 @@ impl Screen {
         self.bar.suspend(|| println!("{text}"));
     }
 
-    /// Shows where the job is.
-    pub(crate) fn show(&mut self, job: &Transmission, remaining_s: Option<f64>) {
-        let state = state(&job.status, job.answered(), self.lines, remaining_s);
-        self.bar.set_position(job.answered() as u64);
+    /// Shows where the job is, by the lines that the machine has carried out.
+    pub(crate) fn show(&mut self, job: &Transmission, remaining_s: f64) {
+        let end = Zoned::now().checked_add(SignedDuration::from_secs_f64(remaining_s));
+        let end = end.ok().filter(|_| !job.status.report.is_held());
+        let state = state(
+            &job.status,
+            job.undone,
+            self.lines,
+            remaining_s,
+            end.as_ref(),
+        );
+        self.bar.set_position(job.undone as u64);
         let typed = job.manual_lines.text.as_ref();
         let typed = typed.map_or(String::new(), |text| format!("\n> {text}"));
         self.bar.set_message(format!("{state}{typed}"));
@@ -165,8 +174,14 @@ impl Screen {
 const LEGEND: &str =
     "h hold  r resume  q stop  t type  + - 0 feed  f m l rapids  S s spindle  c coolant";
 
-/// The state of a job in a line.
-fn state(status: &Status, answered: usize, lines: usize, remaining_s: Option<f64>) -> String {
+/// The state of a job in a line, with the time of day at which it ends.
+fn state(
+    status: &Status,
+    done: usize,
+    lines: usize,
+    remaining_s: f64,
+    end: Option<&Zoned>,
+) -> String {
     let position = status.work_position().or_else(|| status.machine_position());
     let position = position.unwrap_or_default();
     let position = LETTERS
@@ -174,17 +189,33 @@ fn state(status: &Status, answered: usize, lines: usize, remaining_s: Option<f64
         .zip(position)
         .map(|(letter, value)| format!("{}{value:.3}", char::from(*letter)));
     let position: Vec<_> = position.collect();
-    let left = remaining_s.map_or(String::new(), |left| {
-        format!("  {} left", duration(left.round()))
+    // Whole seconds, also below a minute.
+    let left = match remaining_s.round() {
+        seconds if seconds < 60.0 => format!("{seconds} s"),
+        seconds => duration(seconds),
+    };
+    let end = end.map_or(String::new(), |end| {
+        format!(", ends {}", end.strftime("%H:%M"))
     });
-    let [feed, rapids, spindle] = status.overrides;
     let report = &status.report;
     let speeds = report.field("FS").or_else(|| report.field("F"));
+    let speeds = speeds.unwrap_or_default().split(',').zip(["F", "S"]);
+    let speeds: Vec<_> = speeds
+        .map(|(value, letter)| format!("{letter}{value}"))
+        .collect();
+    let names = ["feed", "rapids", "spindle"];
+    let overrides = names.iter().zip(status.overrides);
+    let overrides = overrides.filter(|(_, percent)| *percent != 100);
+    let overrides: Vec<_> = overrides
+        .map(|(name, percent)| format!("  {name} {percent} %"))
+        .collect();
+    let overrides = overrides.concat();
+    let state = &report.state;
+    let line = (done + 1).min(lines);
     format!(
-        "{:<7} line {answered} of {lines}{left}  {}  F,S {}  Ov {feed},{rapids},{spindle} %",
-        report.state,
+        "{state:<7} line {line} of {lines}  {left} left{end}  {}  {}{overrides}",
         position.join(" "),
-        speeds.unwrap_or_default(),
+        speeds.join(" "),
     )
 }
 
@@ -205,9 +236,16 @@ mod tests {
         let mut status = Status::default();
         status.read("<Run|MPos:1.000,2.000,-3.000|FS:500,8000|WCO:0.000,0.000,1.000>");
         status.read("<Run|MPos:1.000,2.000,-3.000|FS:500,8000|Ov:110,50,90>");
+        let end: Zoned = "2026-11-29T14:05:00[UTC]".parse().unwrap();
         assert_eq!(
-            state(&status, 5, 20, Some(63.2)),
-            "Run     line 5 of 20  1 min 03.0 s left  X1.000 Y2.000 Z-4.000  F,S 500,8000  Ov 110,50,90 %"
+            state(&status, 5, 20, 63.2, Some(&end)),
+            "Run     line 6 of 20  1 min 3 s left, ends 14:05  X1.000 Y2.000 Z-4.000  F500 S8000  feed 110 %  \
+             rapids 50 %  spindle 90 %"
+        );
+        status.read("<Hold:0|MPos:1.000,2.000,-3.000|F:0|Ov:100,100,100>");
+        assert_eq!(
+            state(&status, 20, 20, 3.4, None),
+            "Hold:0  line 20 of 20  3 s left  X1.000 Y2.000 Z-4.000  F0"
         );
     }
 }
