@@ -7,7 +7,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_400),
     ("proof", 30_520),
     ("src", 39_300),
-    ("tests", 48_400),
+    ("tests", 49_900),
     ("xtask", 26_100),
 ];
 
