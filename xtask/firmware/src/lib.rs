@@ -9,7 +9,6 @@
 
 pub mod boards;
 pub mod drive;
-pub mod formats;
 pub mod image;
 mod licenses;
 pub mod rehearsal;

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     boards::{Board, compile, image::parts, layout},
-    formats, licenses,
+    licenses,
 };
 
 /// The form of the index.

@@ -6,6 +6,15 @@
 //! | DfuSe | ST UM0391, *`DfuSe` file format specification*; the suffix: USB DFU 1.1, appendix B |
 //! | UF2 | <https://github.com/microsoft/uf2> |
 
+#![allow(
+    clippy::missing_errors_doc,
+    clippy::missing_panics_doc,
+    clippy::must_use_candidate,
+    reason = "a library of the tools beside it: errors are sentences, which the user is shown"
+)]
+
+pub mod read;
+
 use std::collections::BTreeMap;
 
 /// Bytes of flash at an address.
@@ -219,7 +228,7 @@ mod tests {
         assert_eq!(flash, wanted);
     }
 
-    /// The example of the specification's CRC is that of dfu-util, which reads such a file in `tests/firmware`.
+    /// dfu-util reads such a file in `tests/dfu_util.rs`.
     #[test]
     fn a_dfuse_file_has_each_part_with_its_address_and_length() {
         let parts = parts();
