@@ -183,6 +183,7 @@ impl Verb {
             | Self::Size(_) => tools::FIRMWARE,
             Self::Conformance(_) => tools::CONFORMANCE,
             Self::Docs(_) => tools::DOCS,
+            Self::Flash(options) if options.dfu => tools::DFU,
             Self::Flash(options) if options.to.is_some() => tools::FIRMWARE,
             Self::Flash(_) => tools::PROBE,
             Self::Fuzz(_) | Self::Soak(_) => tools::SOAK,
@@ -223,6 +224,10 @@ impl Verb {
             cargo::need_qemu()?;
         }
         match self {
+            Self::Flash(Flash { dfu: true, .. }) => {
+                probe::announce_dfu();
+                Ok(())
+            }
             Self::Flash(Flash {
                 probe, to: None, ..
             })

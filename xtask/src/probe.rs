@@ -4,11 +4,17 @@ use std::{fs, path::Path};
 
 use anyhow::{Result, bail, ensure};
 
+use crate::ui;
+
 /// What to do without a probe.
 pub const NONE: &str = "no debug probe is attached\n\
     Connect the board by USB (a Nucleo board's own ST-Link, or a probe on its SWD pins).\n\
     On Linux, probes need udev rules: https://probe.rs/docs/getting-started/probe-setup\n\
     If another program (OpenOCD, a debugger) has the probe, stop it.";
+
+/// The bootloader in the ROM of the chips, over USB: the numbers of its maker and of the product.
+pub const DFU: (u16, u16) = (0x0483, 0xdf11);
+const NO_DFU: &str = "for a board in DFU mode: there is none at USB yet. The tool waits for it before it builds anything";
 
 /// What `bring-up` needs.
 pub const BRING_UP: &str = "bring-up needs a board at a debug probe, its serial port as `--port`, and no \
@@ -27,15 +33,9 @@ pub fn need(selector: Option<&str>) -> Result<()> {
 }
 
 fn need_among(devices: &Path, selector: Option<&str>) -> Result<()> {
-    let Ok(devices) = fs::read_dir(devices) else {
+    let Some(mut devices) = listed(devices) else {
         return Ok(());
     };
-    let mut devices = devices.flatten().filter_map(|device| {
-        let read = |name: &str| fs::read_to_string(device.path().join(name)).ok();
-        let id = |name: &str| Some(read(name)?.trim().to_owned());
-        let product = read("product").unwrap_or_default();
-        Some((id("idVendor")?, id("idProduct")?, product))
-    });
     if let Some(selector) = selector {
         let mut parts = selector.split(':').map(str::to_lowercase);
         let wanted = (parts.next(), parts.next());
@@ -47,6 +47,31 @@ fn need_among(devices: &Path, selector: Option<&str>) -> Result<()> {
         bail!("{NONE}");
     }
     Ok(())
+}
+
+/// Maker, product and its name of each device; none where the system does not list them there.
+fn listed(devices: &Path) -> Option<impl Iterator<Item = (String, String, String)>> {
+    let devices = fs::read_dir(devices).ok()?.flatten();
+    Some(devices.filter_map(|device| {
+        let read = |name: &str| fs::read_to_string(device.path().join(name)).ok();
+        let id = |name: &str| Some(read(name)?.trim().to_owned());
+        let product = read("product").unwrap_or_default();
+        Some((id("idVendor")?, id("idProduct")?, product))
+    }))
+}
+
+/// Says at once when no board is in DFU mode, while what waits for it is compiled.
+pub fn announce_dfu() {
+    if is_without_dfu(Path::new(DEVICES)) {
+        ui::status("Looking", NO_DFU);
+    }
+}
+
+fn is_without_dfu(devices: &Path) -> bool {
+    let (vendor, product) = DFU;
+    let wanted = (format!("{vendor:04x}"), format!("{product:04x}"));
+    listed(devices)
+        .is_some_and(|mut devices| !devices.any(|(vendor, product, _)| (vendor, product) == wanted))
 }
 
 #[cfg(test)]
@@ -93,6 +118,17 @@ mod tests {
             ],
         );
         assert_eq!(need(Some("2e8a:000c")), Ok(()));
-        assert!(need_among(&folder.path().join("none"), None).is_ok());
+        assert!(is_without_dfu(folder.path()));
+        list(
+            "1-4",
+            [
+                ("idVendor", "0483"),
+                ("idProduct", "df11"),
+                ("product", "STM32  BOOTLOADER"),
+            ],
+        );
+        assert!(!is_without_dfu(folder.path()));
+        let none = folder.path().join("none");
+        assert!(need_among(&none, None).is_ok() && !is_without_dfu(&none));
     }
 }

@@ -168,6 +168,10 @@ pub const SCHEDULE: Tool =
 pub const FIRMWARE: Tool = Tool::new("firmware", "the builder of firmware", "half a minute")
     .for_any_axes()
     .of_several_commands();
+/// `cargo xtask flash --dfu`.
+pub const DFU: Tool = Tool::new("dfu", "the writer by DFU", "half a minute")
+    .for_any_axes()
+    .of_several_commands();
 /// `cargo xtask board import`.
 pub const IMPORT: Tool = Tool {
     features: &["import"],

@@ -9,6 +9,7 @@
 
 pub mod boards;
 pub mod drive;
+pub mod flash;
 pub mod image;
 mod licenses;
 pub mod rehearsal;

@@ -12,12 +12,12 @@ use common::{
     ui,
 };
 use firmware::boards::{compile, layout};
-use firmware::{drive, release};
+use firmware::{drive, flash, release};
 
 fn main() -> ExitCode {
     common::main(|| match options::read() {
         Verb::Build(options) => run(&options),
-        Verb::Flash(options) => flash(&options),
+        Verb::Flash(options) => copy(&options),
         Verb::Size(options) => size::run(&options),
         Verb::Board(verb) => board::run(&verb),
         Verb::Boards => list(),
@@ -48,18 +48,11 @@ fn run(options: &Build) -> Result<ExitCode> {
 }
 
 /// Builds and proves the firmware of a board, and copies it to the drive from which it is written.
-fn flash(options: &Flash) -> Result<ExitCode> {
+fn copy(options: &Flash) -> Result<ExitCode> {
     let board = firmware::boards::named(&options.board)?;
     let folder = options.to.as_deref().context("no folder is given")?;
     let method = drive::method(&board, folder)?;
-    let elf = if options.unproven {
-        compile::firmware(&board)?
-    } else {
-        firmware::proven(&board)?
-    };
-    let mut files = release::write(&board, &elf)?.into_iter();
-    let file = files.find(|(it, _)| it.kind == method.kind);
-    let (_, file) = file.context("the board has lost its file")?;
+    let file = flash::built(&board, &method, options.unproven)?;
     drive::copy(&file, folder)?;
     ui::status(
         "Copied",

@@ -38,6 +38,8 @@ const HEX: &str = "leadscrew.hex";
 const BIN: &str = "leadscrew.bin";
 const UF2: &str = "leadscrew.uf2";
 const DFU: &str = "leadscrew.dfu";
+/// The method of the bootloader in the chip's ROM.
+pub const BY_DFU: &str = "DFU";
 /// The other speed of a UART for which a rate is proven: the fastest that senders have.
 const FAST_BAUD: &str = "1000000";
 
@@ -119,7 +121,7 @@ impl FlashMethod {
                 "Press the reset button twice, quickly: the bootloader is a drive at the board's USB. Copy {file} to \
                  it: the bootloader writes the file, and the board restarts."
             ),
-            "DFU" => format!(
+            BY_DFU => format!(
                 "Hold BOOT0 at 3.3 V, by its button or jumper, while you switch the board on at its USB. Then \
                  `dfu-util --alt 0 --download {}`; STM32CubeProgrammer takes `{HEX}` instead. Let BOOT0 go, and \
                  switch the board off and on.",
@@ -146,7 +148,7 @@ pub fn flashing(board: &Board) -> Vec<FlashMethod> {
         board.drive.as_ref().map(|_| method("drive", HEX)),
         { board.bootloader_file.as_ref() }.map(|name| method("SD card", name)),
         board.uf2_family.map(|_| method("UF2", UF2)),
-        board.has_dfu.then(|| method("DFU", DFU)),
+        board.has_dfu.then(|| method(BY_DFU, DFU)),
         Some(method("probe", HEX)),
     ];
     methods.into_iter().flatten().collect()

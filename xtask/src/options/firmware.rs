@@ -141,10 +141,11 @@ pub struct Docs {
     pub check: bool,
 }
 
-/// Build the firmware and write it to the board with a debug probe, or copy it to the drive from which the board takes it
+/// Build the firmware and write it to the board with a debug probe or by DFU, or copy it to the drive from which the board
+/// takes it
 ///
 /// An ST-Link, a J-Link or a CMSIS-DAP probe will do: a Nucleo board has one built in. The first
-/// time, the tools for boards are compiled anew, with probe-rs in them. --to needs none of that.
+/// time, the tools for boards are compiled anew, with probe-rs in them. --to and --dfu need none of that.
 #[derive(Debug, clap::Args)]
 pub struct Flash {
     /// The board
@@ -156,6 +157,9 @@ pub struct Flash {
     /// Copy the file instead that the board takes: to an SD card, to the drive of a UF2 bootloader or of a Nucleo
     #[arg(long, value_name = "DIR", conflicts_with = "probe")]
     pub to: Option<PathBuf>,
+    /// Write it over USB by the bootloader in the chip's ROM: waits for the board in DFU mode before anything is built
+    #[arg(long, conflicts_with_all = ["probe", "to"])]
+    pub dfu: bool,
     /// Write it although nothing is proven: it then keeps to 30 000 steps per second
     #[arg(long)]
     pub unproven: bool,

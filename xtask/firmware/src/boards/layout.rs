@@ -35,8 +35,23 @@ impl FlashUse {
 /// Compares an image with the memory of the board. No loaded byte may lie in the sectors of the settings, in a
 /// bootloader or outside of the flash. Code must run where it is loaded; stack and data must lie in the RAM.
 pub fn check(board: &Board, image: &[u8]) -> Result<FlashUse> {
+    check_segments(board, &segments(image)?)
+}
+
+/// The same of bytes that are loaded to addresses, of which nothing else is known.
+pub fn check_parts(board: &Board, parts: &[(u32, &[u8])]) -> Result<()> {
+    let segments = parts.iter().map(|(address, bytes)| Segment {
+        load_address: *address,
+        bytes,
+        address: *address,
+        size: bytes.len() as u32,
+        is_code: true,
+    });
+    check_segments(board, &segments.collect::<Vec<_>>()).map(|_| ())
+}
+
+fn check_segments(board: &Board, segments: &[Segment<'_>]) -> Result<FlashUse> {
     let memory = board.chosen_memory();
-    let segments = segments(image)?;
     let mut end = u64::from(memory.flash_start);
     for segment in segments.iter().filter(|it| !it.bytes.is_empty()) {
         let loaded = segment.loaded();
@@ -52,11 +67,11 @@ pub fn check(board: &Board, image: &[u8]) -> Result<FlashUse> {
         }
         end = end.max(loaded.end);
     }
-    check_overlaps(&segments)?;
+    check_overlaps(segments)?;
     for segment in segments.iter().filter(|it| it.size > 0) {
         check_place(board, segment)?;
     }
-    check_vectors(board, &segments)?;
+    check_vectors(board, segments)?;
     let first = memory.code_start.unwrap_or(memory.flash_start);
     Ok(FlashUse {
         used: (end as u32).saturating_sub(first),

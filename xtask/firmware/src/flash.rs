@@ -1,0 +1,90 @@
+//! `cargo xtask flash`, whatever it writes by: which file a board takes, and the image in it.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, Result, ensure};
+use formats::read::{self, OwnedPart};
+
+use crate::{
+    boards::{Board, compile, layout},
+    release::{self, FlashMethod},
+};
+
+/// An image that may be written to a board: it lies where the board's file wants a program, and nowhere else.
+#[derive(Debug)]
+pub struct Image {
+    parts: Vec<OwnedPart>,
+    start: u32,
+}
+
+impl Image {
+    /// Reads a file for DFU, and compares its image with the board's memory.
+    pub fn read_dfu(board: &Board, file: &Path) -> Result<Self> {
+        let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+        Self::of_dfu(board, &bytes).with_context(|| format!("{} is not written", file.display()))
+    }
+
+    /// The same of the contents of a file.
+    pub fn of_dfu(board: &Board, bytes: &[u8]) -> Result<Self> {
+        let file = read::dfuse(bytes)?;
+        ensure!(
+            file.name == board.title,
+            "it is for a board {}, and not for {}",
+            file.name,
+            board.title
+        );
+        Self::of_parts(board, file.parts)
+    }
+
+    /// The image of parts in any order.
+    pub fn of_parts(board: &Board, mut parts: Vec<OwnedPart>) -> Result<Self> {
+        parts.retain(|(_, bytes)| !bytes.is_empty());
+        parts.sort_by_key(|(start, _)| *start);
+        let borrowed: Vec<_> = parts.iter().map(|(at, bytes)| (*at, &bytes[..])).collect();
+        layout::check_parts(board, &borrowed)?;
+        let start = board.chosen_memory().flash_start;
+        Ok(Self { parts, start })
+    }
+
+    /// Its parts, in the order of their addresses.
+    pub fn parts(&self) -> &[OwnedPart] {
+        &self.parts
+    }
+
+    /// Where its vectors are.
+    pub fn start(&self) -> u32 {
+        self.start
+    }
+
+    /// The number of its bytes.
+    pub fn bytes(&self) -> usize {
+        self.parts.iter().map(|(_, bytes)| bytes.len()).sum()
+    }
+}
+
+/// Returns the method of a board that is of a kind.
+pub fn by(board: &Board, kind: &str) -> Result<FlashMethod> {
+    let mut methods = release::flashing(board).into_iter();
+    let method = methods.find(|method| method.kind == kind);
+    method.with_context(|| {
+        format!(
+            "{} is not flashed by {kind}: docs/boards/{}.md has how it is",
+            board.title, board.name
+        )
+    })
+}
+
+/// Builds the firmware of a board, proven unless it is asked for without, and returns the file for a method.
+pub fn built(board: &Board, method: &FlashMethod, is_unproven: bool) -> Result<PathBuf> {
+    let elf = if is_unproven {
+        compile::firmware(board)?
+    } else {
+        crate::proven(board)?
+    };
+    let mut files = release::write(board, &elf)?.into_iter();
+    let file = files.find(|(it, _)| it.kind == method.kind);
+    Ok(file.context("the board has lost its file")?.1)
+}
