@@ -322,6 +322,28 @@ mod tests {
     }
 
     #[test]
+    fn a_firmware_is_flashed_by_the_tool_that_has_what_it_takes() {
+        for (line, tool) in [
+            ("flash --board mill", tools::PROBE),
+            ("flash --board mill --to card", tools::FIRMWARE),
+            ("flash --board mill --dfu", tools::DFU),
+            ("flash --from release --dfu", tools::DFU),
+            ("flash --from release --to card", tools::FIRMWARE),
+        ] {
+            assert_eq!(typed(line).0.tool(), Some(tool), "{line}");
+        }
+        let read = |line: &str| CommandLine::try_parse_from(line.split(' '));
+        for line in [
+            "--dfu",
+            "--board a --dfu --to b",
+            "--board a --dfu --probe b",
+            "--from a --unproven",
+        ] {
+            assert!(read(&format!("xtask flash {line}")).is_err(), "{line}");
+        }
+    }
+
+    #[test]
     fn what_is_read_is_not_written_over() {
         let file = env!("CARGO_MANIFEST_PATH");
         let other = concat!(env!("CARGO_MANIFEST_DIR"), "/../xtask/Cargo.toml");
@@ -368,6 +390,7 @@ mod tests {
             ("run no.elf", "no.elf"),
             ("bring-up --verify no.json", "no.json"),
             ("board import no.cfg", "no.cfg"),
+            ("flash --from no --dfu", "no"),
         ] {
             assert_eq!(wrong(line), format!("cannot open {missing}"), "{line}");
         }

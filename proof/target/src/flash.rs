@@ -5,21 +5,21 @@ use std::{env, path::Path, process::ExitCode};
 use anyhow::{Context as _, Result};
 use common::options::Flash as Options;
 use common::{tools, ui};
-use firmware::boards::{Board, compile, layout};
+use firmware::{
+    boards::{Board, compile, layout},
+    flash::Chosen,
+};
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
-    let board = firmware::boards::named(&options.board)?;
+    let chosen = Chosen::by(options)?;
+    let board = &chosen.board;
     if !cfg!(feature = "probe") {
         return again();
     }
     // Nothing is compiled or proven in vain.
     need_probe(options.probe.as_deref())?;
-    let elf = if options.unproven {
-        compile::firmware(&board)?
-    } else {
-        firmware::proven(&board)?
-    };
-    start(&board, options.probe.as_deref(), &elf)?;
+    let elf = chosen.elf()?;
+    start(board, options.probe.as_deref(), &elf)?;
     let what = format!("{}: connect a sender at 115200 baud", board.name);
     ui::status("Started", &what);
     Ok(ExitCode::SUCCESS)

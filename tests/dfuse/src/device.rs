@@ -32,7 +32,7 @@ impl Error for Failure {}
 /// What is wrong with a device or its cable.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Faults {
-    /// The cable is pulled out behind as many transfers.
+    /// The cable is pulled out after as many transfers.
     pub unplugged_after: Option<u64>,
     /// The number of a sector that cannot be erased: a write protection.
     pub no_erase: Option<usize>,
@@ -40,7 +40,7 @@ pub struct Faults {
     pub stuck: Option<u32>,
     /// The flash is protected from being read: nothing can be read, erased or written.
     pub is_protected: bool,
-    /// As many more GETSTATUS behind a command find the device busy.
+    /// As many more GETSTATUS after a command find the device busy.
     pub busy_polls: u32,
 }
 
@@ -408,7 +408,7 @@ impl Device {
         }
     }
 
-    /// USB DFU 1.1, 6.1.3: only behind an error.
+    /// USB DFU 1.1, 6.1.3: only after an error.
     fn clear_status(&mut self) {
         if self.state == State::Error {
             (self.state, self.status) = (State::Idle, Status::Ok);

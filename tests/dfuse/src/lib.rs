@@ -6,7 +6,7 @@
 //! - The address of a block is `(number - 2) * length + pointer`, with the length of that transfer, as AN3156 says.
 //! - Flash is NOR: a programmed byte can clear bits only; a sector is erased as a whole. A wrong result is no error of the
 //!   device, which verifies nothing.
-//! - A command is executed by the GETSTATUS behind it, whose answer is `dfuDNBUSY`. Another request than GETSTATUS before
+//! - A command is executed by the GETSTATUS after it, whose answer is `dfuDNBUSY`. Another request than GETSTATUS before
 //!   `dfuDNLOAD-IDLE` is an error.
 //! - A request that the state does not allow is stalled, and is an error that CLRSTATUS ends.
 //!

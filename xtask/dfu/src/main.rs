@@ -9,7 +9,7 @@ use common::{
 };
 use dfu::{Loader, Step, usb};
 use firmware::{
-    flash::{self, Image},
+    flash::{self, Chosen, Image},
     release,
 };
 use indicatif::{ProgressBar, ProgressStyle};
@@ -22,12 +22,15 @@ fn main() -> ExitCode {
 }
 
 fn run(options: &Flash) -> Result<ExitCode> {
-    let board = firmware::boards::named(&options.board)?;
-    let method = flash::by(&board, release::BY_DFU)?;
+    let chosen = Chosen::by(options)?;
+    let board = &chosen.board;
+    let method = flash::by(board, release::BY_DFU)?;
+    chosen.check(&method)?;
     // Nothing is compiled or proven in vain.
-    let loader = Loader::new(usb::wait(&method.steps(&board))?, &board)?;
-    let file = flash::built(&board, &method, options.unproven)?;
-    let image = Image::read_dfu(&board, &file)?;
+    let how = format!("{} (docs/boards/{}.md)", release::TO_DFU, board.name);
+    let loader = Loader::new(usb::wait(&how)?, board)?;
+    let file = chosen.file(&method)?;
+    let image = Image::read_dfu(board, &file)?;
     ui::status("Writing", &file.display().to_string());
     let bar = progress(image.bytes());
     let mut message = "";

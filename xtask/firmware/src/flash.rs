@@ -5,12 +5,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
+use common::options::Flash;
 use formats::read::{self, OwnedPart};
 
 use crate::{
-    boards::{Board, compile, layout},
+    boards::{self, Board, compile, layout},
     release::{self, FlashMethod},
+    released::Released,
 };
 
 /// An image that may be written to a board: it lies where the board's file wants a program, and nowhere else.
@@ -77,14 +79,55 @@ pub fn by(board: &Board, kind: &str) -> Result<FlashMethod> {
     })
 }
 
-/// Builds the firmware of a board, proven unless it is asked for without, and returns the file for a method.
-pub fn built(board: &Board, method: &FlashMethod, is_unproven: bool) -> Result<PathBuf> {
-    let elf = if is_unproven {
-        compile::firmware(board)?
-    } else {
-        crate::proven(board)?
-    };
-    let mut files = release::write(board, &elf)?.into_iter();
-    let file = files.find(|(it, _)| it.kind == method.kind);
-    Ok(file.context("the board has lost its file")?.1)
+/// What is flashed.
+pub struct Chosen {
+    /// The board.
+    pub board: Board,
+    released: Option<Released>,
+    is_unproven: bool,
+}
+
+impl Chosen {
+    /// What the options of the command choose: the board that is named, or the only one of a release.
+    pub fn by(options: &Flash) -> Result<Self> {
+        let released = options.from.as_deref().map(Released::open).transpose()?;
+        let name = match (&options.board, &released) {
+            (Some(name), _) => name,
+            (None, Some(released)) => released.only_board()?,
+            (None, None) => bail!("no board is named"),
+        };
+        Ok(Self {
+            board: boards::named(name)?,
+            released,
+            is_unproven: options.unproven,
+        })
+    }
+
+    /// Makes sure that a file of a release may be written, before anything else is looked at.
+    pub fn check(&self, method: &FlashMethod) -> Result<()> {
+        if let Some(released) = &self.released {
+            released.file(&self.board, method)?;
+        }
+        Ok(())
+    }
+
+    /// The file for a method: that of the release, or of a firmware that is built, and proven unless it is asked for
+    /// without.
+    pub fn file(&self, method: &FlashMethod) -> Result<PathBuf> {
+        if let Some(released) = &self.released {
+            return released.file(&self.board, method);
+        }
+        let mut files = release::write(&self.board, &self.elf()?)?.into_iter();
+        let file = files.find(|(it, _)| it.kind == method.kind);
+        Ok(file.context("the board has lost its file")?.1)
+    }
+
+    /// The same as an ELF file.
+    pub fn elf(&self) -> Result<PathBuf> {
+        match &self.released {
+            Some(released) => released.elf(&self.board),
+            None if self.is_unproven => compile::firmware(&self.board),
+            None => crate::proven(&self.board),
+        }
+    }
 }

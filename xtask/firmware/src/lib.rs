@@ -14,6 +14,7 @@ pub mod image;
 mod licenses;
 pub mod rehearsal;
 pub mod release;
+pub mod released;
 
 use std::{
     ffi::OsStr,

@@ -12,7 +12,7 @@ use common::{
     ui,
 };
 use firmware::boards::{compile, layout};
-use firmware::{drive, flash, release};
+use firmware::{drive, flash::Chosen, release};
 
 fn main() -> ExitCode {
     common::main(|| match options::read() {
@@ -47,18 +47,18 @@ fn run(options: &Build) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Builds and proves the firmware of a board, and copies it to the drive from which it is written.
+/// Copies the firmware of a board, built and proven or of a release, to the drive from which it is written.
 fn copy(options: &Flash) -> Result<ExitCode> {
-    let board = firmware::boards::named(&options.board)?;
+    let chosen = Chosen::by(options)?;
     let folder = options.to.as_deref().context("no folder is given")?;
-    let method = drive::method(&board, folder)?;
-    let file = flash::built(&board, &method, options.unproven)?;
+    let method = drive::method(&chosen.board, folder)?;
+    let file = chosen.file(&method)?;
     drive::copy(&file, folder)?;
     ui::status(
         "Copied",
         &format!("{} to {}", method.file, folder.display()),
     );
-    println!("{}", method.steps(&board));
+    println!("{}", method.steps(&chosen.board));
     Ok(ExitCode::SUCCESS)
 }
 

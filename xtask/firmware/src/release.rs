@@ -25,47 +25,51 @@ use crate::{
 };
 
 /// The form of the index.
-const FORMAT: u32 = 1;
+pub(crate) const FORMAT: u32 = 1;
 /// The names of files.
-const INDEX: &str = "index.json";
-const SUMS: &str = "SHA256SUMS";
-const IMAGE: &str = "image.json";
+pub(crate) const INDEX: &str = "index.json";
+pub(crate) const SUMS: &str = "SHA256SUMS";
+pub(crate) const IMAGE: &str = "image.json";
 const CERTIFICATE: &str = "certificate.json";
 const LICENSES: &str = "LICENSES.txt";
 /// The files of an image.
-const ELF: &str = "leadscrew.elf";
+pub(crate) const ELF: &str = "leadscrew.elf";
 const HEX: &str = "leadscrew.hex";
 const BIN: &str = "leadscrew.bin";
 const UF2: &str = "leadscrew.uf2";
 const DFU: &str = "leadscrew.dfu";
 /// The method of the bootloader in the chip's ROM.
 pub const BY_DFU: &str = "DFU";
+/// How a board comes into it.
+pub const TO_DFU: &str = "Hold BOOT0 at 3.3 V, by its button or jumper, while you switch the board on at its USB; then \
+                          let BOOT0 go.";
 /// The other speed of a UART for which a rate is proven: the fastest that senders have.
 const FAST_BAUD: &str = "1000000";
 
 /// What there is.
-#[derive(Debug, Serialize)]
-struct Index {
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Index {
     format: u32,
-    version: &'static str,
+    version: String,
     /// Of the sources; behind it `-dirty` where they were changed.
-    commit: String,
-    boards: Vec<BoardEntry>,
+    pub(crate) commit: String,
+    pub(crate) boards: Vec<BoardEntry>,
 }
 
 /// A board, and its images.
-#[derive(Debug, Serialize)]
-struct BoardEntry {
-    name: String,
+#[derive(Debug, Serialize, Deserialize)]
+pub(crate) struct BoardEntry {
+    pub(crate) name: String,
     title: String,
     about: String,
-    chip: String,
-    crystal_mhz: u32,
+    pub(crate) chip: String,
+    pub(crate) crystal_mhz: u32,
     /// Where the sender is: `USB`, or `UART1`.
     sender: String,
     /// How the images come into the flash: what to do, and which file it takes.
+    #[serde(skip_deserializing)]
     flashing: Vec<FlashMethod>,
-    images: Vec<ReleasedImage>,
+    pub(crate) images: Vec<ReleasedImage>,
 }
 
 /// A method to write an image into the flash.
@@ -78,7 +82,7 @@ pub struct FlashMethod {
 }
 
 /// An image.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReleasedImage {
     /// The number of axes.
     pub axes: u8,
@@ -95,9 +99,9 @@ pub struct ReleasedImage {
 }
 
 /// A file.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReleasedFile {
-    name: String,
+    pub(crate) name: String,
     bytes: usize,
     sha256: String,
 }
@@ -122,16 +126,17 @@ impl FlashMethod {
                  it: the bootloader writes the file, and the board restarts."
             ),
             BY_DFU => format!(
-                "Hold BOOT0 at 3.3 V, by its button or jumper, while you switch the board on at its USB. Then \
-                 `dfu-util --alt 0 --download {}`; STM32CubeProgrammer takes `{HEX}` instead. Let BOOT0 go, and \
-                 switch the board off and on.",
-                self.file
+                "{TO_DFU} `cargo xtask flash --board {} --dfu` builds, proves, writes and starts the firmware of the \
+                 sources; with `--from` and the folder of a release, it writes {file}. Or `dfu-util --alt 0 --download \
+                 {}`, or STM32CubeProgrammer with `{HEX}`: switch the board off and on afterwards. Linux wants a udev \
+                 rule, Windows a driver: docs/platforms.md.",
+                board.name, self.file
             ),
             _ => format!(
                 "Connect SWDIO, SWCLK and GND of a debug probe, with the board supplied from one source only; \
                  connect under reset where the board's note wants it. A programmer such as STM32CubeProgrammer writes \
                  {file}; or `cargo xtask flash --board {}` builds, proves \
-                 and writes the firmware of the sources.",
+                 and writes the firmware of the sources, with `--from` and its folder that of a release.",
                 board.name
             ),
         }
@@ -196,7 +201,7 @@ pub fn release(boards: &[Board], out: &Path, each: impl FnOnce() -> Result<bool>
     let entries = boards.iter().map(|board| entry(board, out));
     let index = Index {
         format: FORMAT,
-        version: env!("CARGO_PKG_VERSION"),
+        version: env!("CARGO_PKG_VERSION").into(),
         commit: commit()?,
         boards: entries.collect::<Result<_>>()?,
     };
@@ -225,7 +230,7 @@ pub fn release(boards: &[Board], out: &Path, each: impl FnOnce() -> Result<bool>
 }
 
 /// The folder of an image within a release.
-fn folder(board: &str, axes: u8) -> String {
+pub(crate) fn folder(board: &str, axes: u8) -> String {
     format!("{board}/{axes}-axes")
 }
 
@@ -268,30 +273,63 @@ pub fn image(board: &Board, into: &Path, out: &Path) -> Result<ReleasedImage> {
     let rate = step_rate_hz.to_string();
     schedule(&["--step-rate", &rate, "--certificate", &path])?;
     let fast = (!board.has_usb()).then(|| schedule(&["--baud", FAST_BAUD, "--rate"]));
+    let fast = fast.transpose()?.map(|rate| rate.parse()).transpose()?;
+    let certificate = (CERTIFICATE.into(), fs::read(&certificate)?);
+    write_image(
+        board,
+        axes,
+        out,
+        bytes,
+        (step_rate_hz, fast),
+        vec![certificate],
+    )
+}
+
+/// Writes an image with a number of axes into a release, in all formats and with what says what it is. `rates` are the
+/// proven ones, at 1 000 000 baud where there is one.
+pub fn write_image(
+    board: &Board,
+    axes: u8,
+    out: &Path,
+    elf: Vec<u8>,
+    rates: (u32, Option<u32>),
+    more: Vec<(String, Vec<u8>)>,
+) -> Result<ReleasedImage> {
+    let folder = out.join(folder(&board.name, axes));
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let memory = board.chosen_memory();
-    let mut files = files(board, &bytes)?;
+    let mut files = files(board, &elf)?;
+    files.push((ELF.into(), elf));
+    files.extend(more);
+    files.sort();
     for (name, bytes) in &files {
         write_file(&folder.join(name), bytes)?;
     }
-    files.push((ELF.into(), bytes));
-    files.push((CERTIFICATE.into(), fs::read(&certificate)?));
-    files.sort();
-    let files = files.into_iter().map(|(name, bytes)| ReleasedFile {
-        name,
-        bytes: bytes.len(),
-        sha256: sha256(&bytes),
-    });
+    let files = files
+        .iter()
+        .map(|(name, bytes)| ReleasedFile::of(name, bytes));
     let image = ReleasedImage {
         axes,
         start: memory.flash_start,
-        step_rate_hz,
-        step_rate_at_1_mbaud_hz: fast.transpose()?.map(|rate| rate.parse()).transpose()?,
+        step_rate_hz: rates.0,
+        step_rate_at_1_mbaud_hz: rates.1,
         // They lie within a flat file where the code begins apart from the vectors.
         settings_outlive_bin: memory.code_start.is_none(),
         files: files.collect(),
     };
     write_file(&folder.join(IMAGE), json(&image)?.as_bytes())?;
     Ok(image)
+}
+
+impl ReleasedFile {
+    /// What is said of a file.
+    pub(crate) fn of(name: &str, bytes: &[u8]) -> Self {
+        Self {
+            name: name.into(),
+            bytes: bytes.len(),
+            sha256: sha256(bytes),
+        }
+    }
 }
 
 impl ReleasedImage {
@@ -306,7 +344,7 @@ fn json(value: &impl Serialize) -> Result<String> {
     Ok(format!("{}\n", serde_json::to_string_pretty(value)?))
 }
 
-fn sha256(bytes: &[u8]) -> String {
+pub(crate) fn sha256(bytes: &[u8]) -> String {
     let mut text = String::new();
     for byte in Hash::hash(bytes) {
         let _ = write!(text, "{byte:02x}");

@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 pub type Part<'a> = (u32, &'a [u8]);
 
 /// The value of flash to which nothing is written.
-const ERASED: u8 = 0xff;
+pub const ERASED: u8 = 0xff;
 
 /// Returns the flash from an address on, up to the last byte of the parts, none of which begins before it.
 pub fn flat(parts: &[Part<'_>], start: u32) -> Vec<u8> {

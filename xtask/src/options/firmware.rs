@@ -148,9 +148,12 @@ pub struct Docs {
 /// time, the tools for boards are compiled anew, with probe-rs in them. --to and --dfu need none of that.
 #[derive(Debug, clap::Args)]
 pub struct Flash {
-    /// The board
-    #[arg(long, value_name = "NAME")]
-    pub board: String,
+    /// The board; without it, the only one of the release
+    #[arg(long, value_name = "NAME", required_unless_present = "from")]
+    pub board: Option<String>,
+    /// Build nothing: take the file of a release, in whose folder `SHA256SUMS` is
+    #[arg(long, value_name = "RELEASE", conflicts_with = "unproven")]
+    pub from: Option<InputPath>,
     /// The probe, as `VID:PID` or `VID:PID:SERIAL`, where there is more than one
     #[arg(long, value_name = "PROBE")]
     pub probe: Option<String>,

@@ -25,6 +25,17 @@ pub fn seal(image: &mut [u8]) -> Result<()> {
     Ok(())
 }
 
+/// Makes sure that an image has the CRC of what is in it.
+pub fn check(image: &[u8]) -> Result<()> {
+    let words = &image[CHECK.place(image)?];
+    let crc = compute(image)?.to_le_bytes();
+    ensure!(
+        *words == [SEALED, crc].concat(),
+        "the image has another CRC than it names: it is damaged"
+    );
+    Ok(())
+}
+
 /// Computes the CRC of everything that is loaded but the two words, in the order of addresses.
 fn compute(image: &[u8]) -> Result<u32> {
     let parts = parts(image)?;

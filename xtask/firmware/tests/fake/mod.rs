@@ -1,4 +1,5 @@
 //! Programs in the place of Cargo and of Python, and a firmware that no compiler has made.
+#![allow(dead_code, reason = "no test uses all of it")]
 
 use std::{
     env, fs,
@@ -31,7 +32,7 @@ echo 30000
 
 /// The bytes of the vectors, by their section.
 const VECTOR_BYTES: u32 = 0x80;
-/// Where, in the program, the words of its CRC are.
+/// Where, in the program, the words of its CRC are, and behind them those of its rate.
 const CHECK_OFFSET: u32 = 0x80;
 
 /// The board that such firmware is for.
@@ -57,6 +58,7 @@ fn symbols(fingerprint: u32, address: u32, bytes: u32) -> (Vec<u8>, Vec<u32>) {
     const ABSOLUTE: u32 = 0xfff1;
     let symbols = [
         ("IMAGE_CHECK", address + CHECK_OFFSET, 2),
+        ("PROVEN", address + CHECK_OFFSET + 8, 2),
         ("_board_fingerprint", fingerprint, ABSOLUTE),
         ("__vector_table", address, ABSOLUTE),
         ("_vectors_end", address + bytes, ABSOLUTE),
@@ -82,7 +84,7 @@ fn symbols(fingerprint: u32, address: u32, bytes: u32) -> (Vec<u8>, Vec<u32>) {
 }
 
 /// The same for a board's fingerprint. A section and symbols tell the place of the CRC.
-fn elf_of(fingerprint: u32, address: u32, stack: u32, bytes: u32) -> Vec<u8> {
+pub(crate) fn elf_of(fingerprint: u32, address: u32, stack: u32, bytes: u32) -> Vec<u8> {
     const PROGRAM_AT: u32 = 84;
     let (names, table) = symbols(fingerprint, address, bytes);
     let names_at = PROGRAM_AT + bytes;
@@ -108,7 +110,7 @@ fn elf_of(fingerprint: u32, address: u32, stack: u32, bytes: u32) -> Vec<u8> {
     words(&mut file, &segment);
     words(&mut file, &[stack, address + 9]);
     file.resize((PROGRAM_AT + CHECK_OFFSET) as usize, 0xbf);
-    file.extend(b"CRC?");
+    file.extend(b"CRC?    PROV    ");
     file.resize(names_at as usize, 0xbf);
     file.extend(&names);
     words(&mut file, &table);
