@@ -269,3 +269,26 @@ fn compare_layout(found: &[u32], board: &Board) -> Result<()> {
     );
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_banks_are_of_a_chip_that_has_them() {
+        const KIB: u32 = 1024;
+        let half = [16, 16, 16, 16, 64, 128, 128, 128].map(|kib| kib * KIB);
+        let whole = [&half[..], &[128 * KIB; 4]].concat();
+        for (name, found, is_taken) in [
+            ("btt-octopus-1.1-f446", &half[..], true),
+            ("btt-octopus-1.1-f446", &[half, half].concat(), false),
+            ("netduino-plus-2", &whole, true),
+            ("netduino-plus-2", &[&whole[..], &whole].concat(), true),
+            ("netduino-plus-2", &whole[1..], false),
+        ] {
+            let board = firmware::boards::named(name).unwrap();
+            let is_same = compare_layout(found, &board).is_ok();
+            assert_eq!(is_same, is_taken, "{name}: {} sectors", found.len());
+        }
+    }
+}

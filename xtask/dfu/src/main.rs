@@ -27,7 +27,7 @@ fn run(options: &Flash) -> Result<ExitCode> {
     let method = flash::by(board, release::BY_DFU)?;
     chosen.check(&method)?;
     // Nothing is compiled or proven in vain.
-    let how = format!("{} (docs/boards/{}.md)", release::TO_DFU, board.name);
+    let how = format!("{} (docs/boards/{}.md)", release::to_dfu(board), board.name);
     let loader = Loader::new(usb::wait(&how)?, board)?;
     let file = chosen.file(&method)?;
     let image = Image::read_dfu(board, &file)?;
@@ -47,9 +47,12 @@ fn run(options: &Flash) -> Result<ExitCode> {
         bar.inc(bytes as u64);
     });
     bar.finish_and_clear();
-    written.context(
-        "the board has no whole firmware now: put it into DFU mode again, and repeat the command",
-    )?;
+    written.with_context(|| {
+        format!(
+            "the board has no whole firmware now: {}",
+            flash::again(board)
+        )
+    })?;
     loader.start(image.start())?;
     let what = format!("{}: connect a sender", board.name);
     ui::status("Started", &what);

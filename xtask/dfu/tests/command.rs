@@ -12,8 +12,8 @@ fn a_folder_that_is_no_release_and_a_board_without_dfu_are_told_at_once() {
             "is no release: it has no SHA256SUMS",
         ),
         (
-            &["--board", "btt-skr-2"],
-            "is not flashed by DFU: docs/boards/btt-skr-2.md has how it is",
+            &["--board", "nucleo-f446re"],
+            "is not flashed by DFU: docs/boards/nucleo-f446re.md has how it is",
         ),
         (&["--board", "mill"], "there is no board \"mill\""),
     ] {

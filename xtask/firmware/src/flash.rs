@@ -79,6 +79,14 @@ pub fn by(board: &Board, kind: &str) -> Result<FlashMethod> {
     })
 }
 
+/// How a board is written whose firmware is not whole: without it, `$DFU` leads nowhere.
+pub fn again(board: &Board) -> String {
+    match &release::flashing(board)[..] {
+        [first, ..] if !board.has_dfu => format!("write it by {}, `{}`", first.kind, first.file),
+        _ => "put it into DFU mode again, and repeat the command".into(),
+    }
+}
+
 /// What is flashed.
 pub struct Chosen {
     /// The board.
@@ -128,6 +136,23 @@ impl Chosen {
             Some(released) => released.elf(&self.board),
             None if self.is_unproven => compile::firmware(&self.board),
             None => crate::proven(&self.board),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_a_firmware_is_written_again_by_what_needs_none() {
+        for (name, words) in [
+            ("blackpill-f411", "put it into DFU mode again"),
+            ("btt-skr-2", "write it by SD card, `firmware.bin`"),
+            ("flexi-hal", "write it by UF2, `leadscrew.uf2`"),
+        ] {
+            let text = again(&boards::named(name).unwrap());
+            assert!(text.starts_with(words), "{name}: {text}");
         }
     }
 }

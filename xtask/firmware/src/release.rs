@@ -40,9 +40,6 @@ const UF2: &str = "leadscrew.uf2";
 const DFU: &str = "leadscrew.dfu";
 /// The method of the bootloader in the chip's ROM.
 pub const BY_DFU: &str = "DFU";
-/// How a board comes into it.
-pub const TO_DFU: &str = "Hold BOOT0 at 3.3 V, by its button or jumper, while you switch the board on at its USB; then \
-                          let BOOT0 go.";
 /// The other speed of a UART for which a rate is proven: the fastest that senders have.
 const FAST_BAUD: &str = "1000000";
 
@@ -106,6 +103,21 @@ pub struct ReleasedFile {
     sha256: String,
 }
 
+/// How a board comes into its chip's bootloader.
+pub fn to_dfu(board: &Board) -> &'static str {
+    match (board.has_dfu, board.has_usb()) {
+        (true, true) => {
+            "Hold BOOT0 at 3.3 V, by its button or jumper, while you switch the board on at its USB, and let BOOT0 go \
+             then; or send `$DFU` to this firmware."
+        }
+        (true, false) => {
+            "Hold BOOT0 at 3.3 V, by its button or jumper, while you switch the board on at its USB, and let BOOT0 go \
+             then."
+        }
+        (false, _) => "Send `$DFU` to this firmware: nothing else starts the chip's bootloader.",
+    }
+}
+
 impl FlashMethod {
     /// What to do, in sentences.
     pub fn steps(&self, board: &Board) -> String {
@@ -122,15 +134,17 @@ impl FlashMethod {
                  written; if the name stays, try a smaller card."
             ),
             "UF2" => format!(
-                "Press the reset button twice, quickly: the bootloader is a drive at the board's USB. Copy {file} to \
+                "Press the reset button twice, quickly, or send `$UF2` to this firmware: the bootloader is a drive at the board's USB. Copy {file} to \
                  it: the bootloader writes the file, and the board restarts."
             ),
             BY_DFU => format!(
-                "{TO_DFU} `cargo xtask flash --board {} --dfu` builds, proves, writes and starts the firmware of the \
+                "{} `cargo xtask flash --board {} --dfu` builds, proves, writes and starts the firmware of the \
                  sources; with `--from` and the folder of a release, it writes {file}. Or `dfu-util --alt 0 --download \
                  {}`, or STM32CubeProgrammer with `{HEX}`: switch the board off and on afterwards. Linux wants a udev \
                  rule, Windows a driver: docs/platforms.md.",
-                board.name, self.file
+                to_dfu(board),
+                board.name,
+                self.file
             ),
             _ => format!(
                 "Connect SWDIO, SWCLK and GND of a debug probe, with the board supplied from one source only; \
@@ -153,7 +167,7 @@ pub fn flashing(board: &Board) -> Vec<FlashMethod> {
         board.drive.as_ref().map(|_| method("drive", HEX)),
         { board.bootloader_file.as_ref() }.map(|name| method("SD card", name)),
         board.uf2_family.map(|_| method("UF2", UF2)),
-        board.has_dfu.then(|| method(BY_DFU, DFU)),
+        board.has_usb_bootloader().then(|| method(BY_DFU, DFU)),
         Some(method("probe", HEX)),
     ];
     methods.into_iter().flatten().collect()
@@ -171,7 +185,7 @@ fn files(board: &Board, image: &[u8]) -> Result<Vec<(String, Vec<u8>)>> {
     files.extend(board.bootloader_file.clone().map(|name| (name, flat)));
     let uf2 = { board.uf2_family }.map(|family| formats::uf2(&parts, family));
     files.extend(uf2.map(|bytes| (UF2.to_owned(), bytes)));
-    let dfu = board.has_dfu.then(|| formats::dfuse(&parts, &board.title));
+    let dfu = { board.has_usb_bootloader() }.then(|| formats::dfuse(&parts, &board.title));
     files.extend(dfu.map(|bytes| (DFU.to_owned(), bytes)));
     Ok(files)
 }
@@ -385,7 +399,11 @@ mod tests {
             ),
             (
                 "btt-skr-2",
-                &["SD card firmware.bin", "probe leadscrew.hex"],
+                &[
+                    "SD card firmware.bin",
+                    "DFU leadscrew.dfu",
+                    "probe leadscrew.hex",
+                ],
             ),
             (
                 "btt-octopus-1.1-f429",
@@ -395,7 +413,14 @@ mod tests {
                     "probe leadscrew.hex",
                 ],
             ),
-            ("flexi-hal", &["UF2 leadscrew.uf2", "probe leadscrew.hex"]),
+            (
+                "flexi-hal",
+                &[
+                    "UF2 leadscrew.uf2",
+                    "DFU leadscrew.dfu",
+                    "probe leadscrew.hex",
+                ],
+            ),
             (
                 "blackpill-f411",
                 &["DFU leadscrew.dfu", "probe leadscrew.hex"],

@@ -95,12 +95,12 @@ impl Released {
             let released = self.image(board)?;
             let bytes = self.listed(board, ELF)?;
             layout::check(board, &bytes)?;
-            layout::check_board(board, &bytes).with_context(|| {
-                format!(
-                    "if the file of the board has changed since, take the sources of the release, {}",
+            if let Err(error) = layout::check_board(board, &bytes) {
+                bail!(
+                    "{error}, or the board's file has changed since: the release is of the sources {}",
                     self.index.commit
-                )
-            })?;
+                );
+            }
             seal::check(&bytes)?;
             let rate = image::read(&path)?;
             ensure!(
