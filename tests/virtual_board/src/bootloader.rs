@@ -22,7 +22,7 @@ const RAM: [u32; 2] = [RAM_START, 0x2002_0000];
 /// The word that says which bootloader runs, from 1 on; with none, the firmware begins as out of a reset. It is between
 /// the firmware's statics and its stack, so that a bootloader runs at each reset of a case.
 pub(crate) const SELECTION: u32 = 0x2001_8000;
-/// Where TinyUF2 looks for its mark: the end of the RAM of its ports/stm32f4.
+/// Where `TinyUF2` looks for its mark: the end of the RAM of its ports/stm32f4.
 pub(crate) const UF2_PLACE: u32 = 0x2000_FFFC;
 /// What is left in RAM.
 const PATTERN: u32 = 0xDEAD_BEEF;

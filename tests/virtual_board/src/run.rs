@@ -111,7 +111,7 @@ pub(crate) struct Run {
     /// The resets before the last entry of the bootloaders, and their entries without a reset before.
     resets_at_entry: Option<usize>,
     handed_over: usize,
-    /// What was where TinyUF2 has its mark, at the last entry.
+    /// What was where `TinyUF2` has its mark, at the last entry.
     uf2_word: u64,
     /// What has been changed in the firmware: an address and its word.
     damaged: Option<(u64, u64)>,
@@ -632,7 +632,9 @@ impl Driver<Machine> for Run {
             .current
             .as_ref()
             .is_some_and(|(act, since)| stop.at.0 - since.0 > act.limit_ms() * MS);
-        if is_late || self.resets > self.marks.resets + MOST_RESETS {
+        let handed_over = self.handed_over - self.marks.handed_over;
+        let restarts = self.resets - self.marks.resets + handed_over;
+        if is_late || restarts > MOST_RESETS {
             self.give_up();
         }
         while self.current.is_none() {

@@ -113,7 +113,7 @@ pub(crate) enum Wanted {
     Cut,
     /// The chip's own bootloader has begun so many times without a reset.
     HandedOver(usize),
-    /// The mark for TinyUF2 was in RAM at the last reset.
+    /// The mark for `TinyUF2` was in RAM at the last reset.
     Uf2Mark,
     /// So many steps of each axis, or some of motors that are driven by phases.
     Moved(usize),

@@ -5,7 +5,7 @@ use rigless::session::Session;
 use super::Run;
 use crate::{compare, job, machine::Machine, rehearsal::STEPS_PER_MM, script::Wanted};
 
-/// What starts TinyUF2 as if the reset button had been pressed twice: `DBL_TAP_MAGIC` in its src/board_api.h.
+/// What starts `TinyUF2` as if the reset button had been pressed twice: `DBL_TAP_MAGIC` in its `board_api.h`.
 const UF2_MARK: u64 = 0xF016_69EF;
 
 impl Run {
@@ -57,19 +57,9 @@ impl Run {
                 let is_cut = session.board_mut().chip.flash.is_cut || self.plant.is_cut();
                 (!is_cut).then(|| "the supply is not cut: less is stored than before".into())
             }
-            Wanted::HandedOver(count) => {
-                let entered = self.handed_over - self.marks.handed_over;
-                (entered != *count).then(|| {
-                    format!("the chip's own bootloader begins {entered} times instead of {count}")
-                })
-            }
-            Wanted::Uf2Mark => (self.uf2_word != UF2_MARK)
-                .then(|| format!("TinyUF2 finds {:#x} instead of its mark", self.uf2_word)),
-            Wanted::Erased(count) => {
-                let erased = self.watch.erased - self.marks.erased;
-                (erased != *count)
-                    .then(|| format!("{erased} sectors are erased instead of {count}"))
-            }
+            Wanted::HandedOver(count) => self.not_handed_over(*count),
+            Wanted::Uf2Mark => self.other_uf2_mark(),
+            Wanted::Erased(count) => self.otherwise_erased(*count),
             Wanted::CoreMhz(mhz) => {
                 let hz = session.board_mut().chip.frequencies()[0];
                 (hz != mhz * 1_000_000)
@@ -119,6 +109,25 @@ impl Run {
             .next_back()
             .is_none_or(|(_, _, is_active)| *is_active);
         is_on.then(|| format!("{name} is on when the chip is reset"))
+    }
+
+    /// The chip's own bootloader has begun more often than that without a reset, or less often.
+    fn not_handed_over(&self, count: usize) -> Option<String> {
+        let entered = self.handed_over - self.marks.handed_over;
+        (entered != count)
+            .then(|| format!("the chip's own bootloader begins {entered} times instead of {count}"))
+    }
+
+    /// More sectors were erased, or fewer.
+    fn otherwise_erased(&self, count: usize) -> Option<String> {
+        let erased = self.watch.erased - self.marks.erased;
+        (erased != count).then(|| format!("{erased} sectors are erased instead of {count}"))
+    }
+
+    /// Something else was in RAM where the mark of a UF2 bootloader belongs.
+    fn other_uf2_mark(&self) -> Option<String> {
+        let word = self.uf2_word;
+        (word != UF2_MARK).then(|| format!("TinyUF2 finds {word:#x} instead of its mark"))
     }
 
     /// What the last report says of X is not where its motor is.
