@@ -13,8 +13,6 @@ use crate::Fault;
 
 /// Start of the flash of every chip.
 const FLASH: u32 = 0x0800_0000;
-/// `DEV_ID` of F42x, which may have twice the flash, in two banks.
-const OF_TWO_BANKS: u16 = 0x419;
 /// Requests of USB DFU 1.1, table 3.2, to the interface and from it.
 const OUT: u8 = 0x21;
 const IN: u8 = 0xa1;
@@ -247,25 +245,17 @@ impl<D: Device> Loader<D> {
 
 /// Makes sure that the flash of a device is of the board's chip.
 fn compare_layout(found: &[u32], board: &Board) -> Result<()> {
-    let flash_bytes = board.part.flash_kib * 1024;
-    let sizes = board.chip.sectors_kib.iter().map(|kib| kib * 1024);
-    let mut end = 0;
-    let expected = sizes.take_while(|bytes| {
-        end += bytes;
-        end <= flash_bytes
-    });
-    let expected: Vec<u32> = expected.collect();
-    let is_twice =
-        board.chip.dev_ids.contains(&OF_TWO_BANKS) && found == [&expected[..], &expected].concat();
+    let in_kib: Vec<_> = found.iter().map(|bytes| bytes / 1024).collect();
+    let flashes = board.flashes_kib();
     ensure!(
-        found == expected || is_twice,
+        flashes.contains(&in_kib),
         "the chip at USB is not that of a {}: it has {} KiB of flash in {} sectors, an STM32{} {} KiB in {}",
         board.title,
-        found.iter().sum::<u32>() / 1024,
+        in_kib.iter().sum::<u32>(),
         found.len(),
         board.part_name,
-        flash_bytes / 1024,
-        expected.len()
+        board.part.flash_kib,
+        flashes[0].len()
     );
     Ok(())
 }

@@ -14,6 +14,9 @@ pub use board_data::FlashSector;
 use board_data::{DEFAULT, MemoryLayout};
 use common::{cargo, ui};
 
+/// `DEV_ID` of F42x, which may have twice the flash, in two banks.
+const OF_TWO_BANKS: u16 = 0x419;
+
 /// A board the firmware can be built for.
 #[derive(Debug, Clone)]
 pub struct Board {
@@ -48,6 +51,21 @@ impl Board {
     /// Where program and settings are with as many axes as were asked for.
     pub fn chosen_memory(&self) -> MemoryLayout {
         self.memory(cargo::axes().into())
+    }
+
+    /// The sizes of the sectors of the flash, KiB, as the chip's own bootloader may describe it: that of the part, and twice
+    /// as much in two banks where the image also runs on F42x.
+    pub fn flashes_kib(&self) -> Vec<Vec<u32>> {
+        let mut end_kib = 0;
+        let sectors = self.chip.sectors_kib.iter().copied();
+        let sectors = sectors.take_while(|kib| {
+            end_kib += kib;
+            end_kib <= self.part.flash_kib
+        });
+        let sectors: Vec<_> = sectors.collect();
+        let may_be_twice = self.chip.dev_ids.contains(&OF_TWO_BANKS);
+        let twice = may_be_twice.then(|| sectors.repeat(2));
+        [sectors].into_iter().chain(twice).collect()
     }
 
     /// Makes a Cargo command compile for the board.

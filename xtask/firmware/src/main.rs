@@ -58,7 +58,7 @@ fn copy(options: &Flash) -> Result<ExitCode> {
         "Copied",
         &format!("{} to {}", method.file, folder.display()),
     );
-    println!("{}", method.steps(&chosen.board));
+    println!("{}", method.steps.join(" "));
     Ok(ExitCode::SUCCESS)
 }
 

@@ -64,6 +64,35 @@ impl Released {
         Ok(released)
     }
 
+    /// The index.
+    pub fn index(&self) -> &Index {
+        &self.index
+    }
+
+    /// Refuses a release of which any file is not what sums and index say.
+    pub fn check(&self) -> Result<()> {
+        for name in self.sums.keys() {
+            self.read(name)?;
+        }
+        for (name, listed) in self.index.files() {
+            ensure!(
+                *listed == ReleasedFile::of(&listed.name, &self.read(&name)?),
+                "the index has another digest of {name}: it is of another release"
+            );
+        }
+        Ok(())
+    }
+
+    /// Copies all files to a folder, as they are.
+    pub fn copy(&self, folder: &Path) -> Result<()> {
+        for name in self.sums.keys().map(String::as_str).chain([SUMS]) {
+            let (from, to) = (self.folder.join(name), folder.join(name));
+            fs::create_dir_all(to.parent().context("a file lies in a folder")?)?;
+            fs::copy(&from, &to).with_context(|| format!("cannot copy {}", from.display()))?;
+        }
+        Ok(())
+    }
+
     /// The name of the only board.
     pub fn only_board(&self) -> Result<&str> {
         match &self.index.boards[..] {

@@ -24,10 +24,10 @@ pub(crate) fn all() -> Result<Vec<(String, String)>> {
 fn page(board: &Board, rates: &[u32]) -> String {
     let name = &board.name;
     let mut text = format!(
-        "# {}\n\n{}Made of `boards/{name}.toml` by `cargo xtask docs`. **No board has run this firmware**: measure before you \
-         connect.\n\n{}",
+        "# {}\n\n{}Made of `boards/{name}.toml` by `cargo xtask docs`. **{}**: measure before you connect.\n\n{}",
         board.title,
         about(board),
+        release::UNTRIED,
         summary(board, rates)
     );
     let [motors, connectors, inside] = pins::tables(board);
@@ -136,7 +136,7 @@ fn flashing(board: &Board) -> String {
             "\n* **{}**, `{}`: {}",
             method.kind,
             method.file,
-            method.steps(board)
+            method.steps.join(" ")
         );
     }
     text + "\n\nOr [build one of the sources](../boards.md#put-the-firmware-on-the-board), where it also stands what to look for \
