@@ -95,7 +95,7 @@ pub fn filled(frame: &str, parts: &[(&str, String)]) -> String {
 }
 
 /// A text that HTML does not take for something else.
-fn escaped(text: &str) -> String {
+pub(crate) fn escaped(text: &str) -> String {
     let text = text.replace('&', "&amp;").replace('<', "&lt;");
     text.replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -1,4 +1,5 @@
-//! The page that runs jobs in the browser, and the same code under node.
+//! The page that runs jobs in the browser, the same code under node, and the page of a release.
 
+pub mod install;
 pub mod measure;
 pub mod page;

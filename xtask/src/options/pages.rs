@@ -91,6 +91,9 @@ pub struct Web {
     /// Where the folder is made; without it, among the results of builds
     #[arg(short, long, value_name = "FOLDER")]
     pub output: Option<PathBuf>,
+    /// Add a page that installs the firmware of a release, a folder of `cargo xtask release`, which is copied beside it
+    #[arg(long, value_name = "DIR")]
+    pub release: Option<PathBuf>,
     /// Play a program here and under node too, and compare times, hashes and pages
     #[arg(long, value_name = "FILE")]
     pub measure: Option<InputPath>,

@@ -9,8 +9,9 @@ use common::{
     text::{row, separated},
     tools,
 };
+use firmware::released::Released;
 use leadscrew::settings::StepRate;
-use pages::web::{measure, page};
+use pages::web::{install, measure, page};
 use simulation::{output::Output, proven};
 
 fn main() -> ExitCode {
@@ -33,12 +34,12 @@ fn run(options: &Options) -> Result<ExitCode> {
     };
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let index = folder.join("index.html");
-    let page = page::write(&wasm, rate_hz);
-    let mut output = Output::create(&index)?;
-    output
-        .write_all(page.as_bytes())
-        .context("cannot write the page")?;
-    output.finish()?;
+    let release = options.release.as_deref();
+    let release = release.map(|release| install::copy(release, &folder));
+    let release = release.transpose()?;
+    let release = release.as_ref().map(Released::index);
+    let page = page::write(&wasm, rate_hz, release);
+    write(&index, &page)?;
     let [size, code] = [page.len(), wasm.len()].map(|bytes| separated(bytes as u64));
     row(
         "page",
@@ -47,9 +48,26 @@ fn run(options: &Options) -> Result<ExitCode> {
             index.display()
         ),
     );
+    if let Some(release) = release {
+        let file = folder.join(install::FILE);
+        write(&file, &install::write(release))?;
+        row(
+            "release",
+            &format!("{}: {}", release.version, file.display()),
+        );
+    }
     let Some(program) = &options.measure else {
         return Ok(ExitCode::SUCCESS);
     };
     let settings = options.settings.as_deref();
     measure::compare(&index, program, settings.map(Path::new))
+}
+
+/// Writes a page as a whole, or not at all.
+fn write(file: &Path, page: &str) -> Result<()> {
+    let mut output = Output::create(file)?;
+    output
+        .write_all(page.as_bytes())
+        .context("cannot write the page")?;
+    output.finish()
 }
