@@ -6,6 +6,7 @@
 mod account;
 mod browser;
 mod damage;
+mod flashing;
 mod grbl;
 mod install;
 mod machine;
@@ -262,6 +263,7 @@ fn all() -> impl Iterator<Item = Check> {
         Check::new("the page of a job", view::page),
         Check::new("jobs as WebAssembly", web::jobs),
         Check::new("the page that runs jobs", web::page),
+        Check::new("the page that installs a release", flashing::page),
     ])
 }
 
