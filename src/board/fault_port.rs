@@ -28,9 +28,11 @@ impl FaultPort {
     }
 }
 
-impl fmt::Write for FaultPort {
+impl FaultPort {
+    /// Sends a text; one copy of this is enough.
+    #[inline(never)]
     #[expect(unsafe_code, reason = "nothing else runs")]
-    fn write_str(&mut self, text: &str) -> fmt::Result {
+    fn send(text: &str) -> fmt::Result {
         // SAFETY: no task runs any more.
         let usart = unsafe { &*Usart::ptr() };
         for byte in text.bytes() {
@@ -41,5 +43,11 @@ impl fmt::Write for FaultPort {
             usart.dr().write(|w| w.dr().set(byte.into()));
         }
         Ok(())
+    }
+}
+
+impl fmt::Write for FaultPort {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        Self::send(text)
     }
 }
