@@ -131,7 +131,10 @@ pub fn to_dfu(board: &Board) -> &'static str {
             "Hold BOOT0 at 3.3 V, by its button or jumper, while you switch the board on at its USB, and let BOOT0 go \
              then."
         }
-        (false, _) => "Send `$DFU` to this firmware: nothing else starts the chip's bootloader.",
+        (false, _) => {
+            "For an update alone: send `$DFU` to this firmware, in the sender's console. Nothing else starts the \
+             chip's bootloader, so the first time another method is needed."
+        }
     }
 }
 
@@ -145,7 +148,8 @@ fn steps(board: &Board, kind: &str, file: &str) -> Vec<String> {
         "SD card" => &[
             "Copy `{file}` to the root of a card with FAT32.",
             "Switch the board off, put the card in, and switch it on: the bootloader needs some seconds. \
-             BIGTREETECH's renames the file to `FIRMWARE.CUR` when it is written; if the name stays, try a smaller card.",
+             BIGTREETECH's renames the file to `FIRMWARE.CUR` when it is written, and others may not; if the board's port \
+             does not appear, try a smaller card.",
         ],
         "UF2" => &[
             "Press the reset button twice, quickly, or send `$UF2` to this firmware: the bootloader is a drive at the \
@@ -586,7 +590,7 @@ mod tests {
         for (name, words) in [
             ("nucleo-f446re", "`NODE_F446RE`. Copy `leadscrew.hex` to it"),
             ("btt-skr-2", "Copy `firmware.bin` to the root"),
-            ("btt-skr-2", "nothing else starts the chip's bootloader"),
+            ("btt-skr-2", "Nothing else starts the chip's bootloader"),
             (
                 "blackpill-f411",
                 "--download leadscrew.dfu`, or STM32CubeProgrammer with `leadscrew.hex`",

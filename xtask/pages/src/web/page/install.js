@@ -1,7 +1,7 @@
 /* The page of a release: installs an image over USB, from what the page's tables say of it. */
 
 const NOTHING = 'Nothing was written.';
-const INCOMPLETE = 'The firmware in the board is incomplete. Its bootloader is in the chip and cannot be lost: start it again, and install again.';
+const INCOMPLETE = 'The firmware in the board is incomplete. Its bootloader is in the chip and cannot be lost: start it again by BOOT0, and install again; where BOOT0 cannot be reached, use the SD card or UF2.';
 
 const STARTED = 'The firmware starts by itself; where it does not, switch the board off and on.';
 
