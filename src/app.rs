@@ -189,10 +189,12 @@ mod app {
                 .shared
                 .serial
                 .lock(|serial| (serial.send_remaining(requests), serial.wanted_bootloader()));
-            if let Some(bootloader) = bootloader
-                && !is_sending
-            {
-                board::bootloader::enter(bootloader);
+            if bootloader.is_some() && !is_sending {
+                board::bootloader::await_sender();
+                let wanted = |serial: &mut SerialSession| serial.wanted_bootloader();
+                if let Some(bootloader) = cx.shared.serial.lock(wanted) {
+                    board::bootloader::enter(bootloader);
+                }
             }
             if !is_sending && !awaits_idle() {
                 board::sleep();

@@ -19,13 +19,19 @@ const UF2_MARK: u32 = 0xf016_69ef;
 /// Reads of a bit before it counts as stuck: many more than a write takes.
 const MAX_READS: u32 = 1000;
 
-/// Lets the last answer leave, and resets the chip with the mark of a bootloader; for `idle` alone.
+/// Lets the last answer leave; for `idle` alone. A reset by the sender, which may come meanwhile, takes the wish back.
+#[cold]
+#[inline(never)]
+pub(crate) fn await_sender() {
+    // A tenth of a second: a host fetches what waits for it at USB within some ms.
+    watchdog::pause(WIRING.core_hz / 10);
+}
+
+/// Resets the chip with the mark of a bootloader; for `idle` alone.
 #[cold]
 #[inline(never)]
 #[expect(unsafe_code, reason = "no task runs any more")]
 pub(crate) fn enter(bootloader: Bootloader) -> ! {
-    // A tenth of a second: a host fetches what waits for it at USB within some ms.
-    watchdog::pause(WIRING.core_hz / 10);
     cortex_m::interrupt::disable();
     outputs::switch_off();
     // SAFETY: interrupts are off, and the chip is reset before anything else can use the peripherals or the RAM.

@@ -67,11 +67,19 @@ mod assembly {
         "movt r2, #0x22e0",
         "str r2, [r0]",
         "str r1, [r0]",
+        // FLASH_ACR: no caches, and emptied ones: a loader has read the flash before it was written anew. RM0090 3.5.
+        "movw r0, #0x3800",
+        "movt r0, #0x4002",
+        "ldr r2, [r0, #0x400]",
+        "bic r2, r2, #0x700",
+        "str r2, [r0, #0x400]",
+        "orr r2, r2, #0x1800",
+        "str r2, [r0, #0x400]",
+        "bic r2, r2, #0x1800",
+        "str r2, [r0, #0x400]",
         "dsb",
         "isb",
         // RCC_APB1ENR: the registers of the supply get their clock; RTC_BKP19R has the mark, or not.
-        "movw r0, #0x3800",
-        "movt r0, #0x4002",
         "mov r2, #0x10000000",
         "str r2, [r0, #0x40]",
         "dsb",
@@ -84,18 +92,23 @@ mod assembly {
         "beq 1f",
         "cpsie i",
         "bx lr",
-        // PWR_CR: the backup domain takes the removal of the mark, which must not start the bootloader for ever.
+        // PWR_CR: the backup domain takes the removal of the mark, which must not start the bootloader for ever; without
+        // the removal the firmware starts.
         "1:",
         "movw r2, #0x7000",
         "movt r2, #0x4000",
         "ldr ip, [r2]",
         "orr ip, ip, #0x100",
         "str ip, [r2]",
-        "2:",
+        ".rept 8",
         "str r1, [r3]",
         "ldr ip, [r3]",
         "cmp ip, #0",
-        "bne 2b",
+        "beq 2f",
+        ".endr",
+        "cpsie i",
+        "bx lr",
+        "2:",
         // RCC_CR: the internal oscillator is on; RCC_CFGR: it is the clock; RCC_CR: no other runs.
         "ldr r2, [r0]",
         "orr r2, r2, #1",
@@ -141,6 +154,9 @@ mod assembly {
         "str r2, [r0, #0x44]",
         // FLASH_ACR: no caches, which would show the old contents of a sector that was written.
         "str r1, [r0, #0x400]",
+        // FLASH_CR is locked: the keys of an open one would lock the flash until a reset.
+        "mov r2, #0x80000000",
+        "str r2, [r0, #0x410]",
         // EXTI_IMR.
         "movw r3, #0x3c00",
         "movt r3, #0x4001",

@@ -202,6 +202,7 @@ impl Chip {
         let mut bus = builder
             // RM0090 5.5.1, bit 8: the backup domain takes no write before.
             .gate_writes("RCC", &["BDCR"], Gate::by("PWR", "CR", "DBP"))
+            .gate_writes("RTC", &[], Gate::by("PWR", "CR", "DBP"))
             .write_modify("EXTI", "PR", WriteModify::OneToClear)
             .reads_requests("EXTI")
             .build()?;

@@ -5,13 +5,15 @@
 use std::{
     env, io,
     io::{Read as _, Write as _},
-    os::{fd::AsFd as _, unix::process::CommandExt as _},
+    os::{fd::AsFd, unix::process::CommandExt as _},
     process::{self, Child, Command, Stdio},
+    sync::Arc,
     time::{Duration, Instant},
 };
 
 use anyhow::{Context as _, Result};
 use rustix::{event::PollFlags, io::Errno};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 
 use crate::{Link, link, realtime};
 
@@ -21,6 +23,8 @@ const ARGUMENT: &str = "guard-of-a-job";
 const DISMISSED: &[u8] = b"dismissed";
 /// How long a line that takes no bytes is tried.
 const PATIENCE: Duration = Duration::from_secs(10);
+/// How long the other end of a connection may take for the hold.
+const LINGER: Duration = Duration::from_secs(2);
 
 /// The guard of a job. Dropped before it is [dismissed](Self::dismiss), it holds the machine.
 #[derive(Debug)]
@@ -55,6 +59,15 @@ impl Guard {
     }
 }
 
+impl Guard {
+    /// Holds the machine now; returns whether the hold has been sent.
+    #[must_use]
+    pub fn hold(mut self) -> bool {
+        drop(self.0.stdin.take());
+        self.0.wait().is_ok_and(|status| status.success())
+    }
+}
+
 impl Drop for Guard {
     fn drop(&mut self) {
         drop(self.0.stdin.take());
@@ -68,23 +81,47 @@ pub fn become_guard_if_asked() {
     if env::args_os().nth(1).is_none_or(|word| word != ARGUMENT) {
         return;
     }
+    // Whoever ends all programs of the tool's name means the tool.
+    for signal in [SIGHUP, SIGINT, SIGQUIT, SIGTERM] {
+        let _ = signal_hook::flag::register(signal, Arc::default());
+    }
     let mut word = Vec::new();
     let _ = io::stdin().read_to_end(&mut word);
-    if word != DISMISSED {
-        hold();
-    }
-    process::exit(0);
+    let is_done = word == DISMISSED || hold();
+    process::exit(i32::from(!is_done));
 }
 
-/// Sends the hold, as soon as the line takes a byte.
-fn hold() {
+/// Sends the hold, as soon as the line takes a byte. Returns whether the byte has gone.
+fn hold() -> bool {
     let line = io::stdout();
     let since = Instant::now();
     while since.elapsed() < PATIENCE {
         match rustix::io::write(&line, &[realtime::HOLD]) {
-            Err(Errno::AGAIN | Errno::INTR) => {
+            Ok(1) => {
+                linger(&line);
+                return true;
+            }
+            Ok(_) | Err(Errno::AGAIN | Errno::INTR) => {
                 let _ = link::wait(&[(line.as_fd(), PollFlags::OUT)], PATIENCE);
             }
+            Err(_) => return false,
+        }
+    }
+    false
+}
+
+/// Reads on until the other end has taken the hold: a connection that is closed with unread bytes is reset, and what was
+/// on its way is lost.
+fn linger(line: &impl AsFd) {
+    if rustix::net::shutdown(line, rustix::net::Shutdown::Write).is_err() {
+        // No connection, but a serial port.
+        return;
+    }
+    let since = Instant::now();
+    while since.elapsed() < LINGER {
+        let _ = link::wait(&[(line.as_fd(), PollFlags::IN)], LINGER);
+        match rustix::io::read(line, &mut [0; 256]) {
+            Ok(1..) | Err(Errno::AGAIN | Errno::INTR) => {}
             _ => return,
         }
     }

@@ -35,7 +35,7 @@ impl Lines {
             let line: Vec<u8> = self.received.drain(..=length).collect();
             if !std::mem::take(&mut self.is_too_long) && length <= LONGEST {
                 let text = String::from_utf8_lossy(&line);
-                let text = text.trim_end_matches(['\r', '\n']);
+                let text = text.trim_matches(['\r', '\n']);
                 return Some(text.chars().map(printable).collect());
             }
         }

@@ -150,12 +150,9 @@ impl<D: Device> Loader<D> {
             self.command(SET_ADDRESS, address)?;
             self.device.write_control(OUT, DNLOAD, COMMAND, &[])?;
             match self.status() {
-                // Some systems see it go before it answers.
-                Ok((_, State::DfuManifest | State::DfuManifestSync, _)) | Err(Fault::Gone) => {
-                    Ok(())
-                }
+                // It goes before it answers, which each system reports in its own form.
+                Ok((_, State::DfuManifest | State::DfuManifestSync, _)) | Err(_) => Ok(()),
                 Ok((status, ..)) => Err(Fault::Refused(status)),
-                Err(other) => Err(other),
             }
         };
         left().context("the firmware is written and right, and does not start by itself: switch the board off and on")

@@ -6,7 +6,7 @@
 use std::{
     collections::BTreeMap,
     fs,
-    path::{Path, PathBuf},
+    path::{Component, Path, PathBuf},
 };
 
 use anyhow::{Context, Result, bail, ensure};
@@ -47,8 +47,12 @@ impl Released {
             let (sum, name) = line.split_once("  ")?;
             Some((name.to_owned(), sum.to_owned()))
         });
-        let sums: Option<_> = sums.collect();
+        let sums: Option<BTreeMap<_, _>> = sums.collect();
         let sums = sums.with_context(|| format!("{SUMS} of {shown} is no list of sums"))?;
+        let mut names = sums.keys();
+        if let Some(name) = names.find(|name| !is_within(name)) {
+            bail!("{SUMS} of {shown} names {name:?}, which leads out of the release");
+        }
         let mut released = Self {
             folder: folder.to_owned(),
             sums,
@@ -85,12 +89,16 @@ impl Released {
 
     /// Copies all files to a folder, as they are.
     pub fn copy(&self, folder: &Path) -> Result<()> {
-        for name in self.sums.keys().map(String::as_str).chain([SUMS]) {
-            let (from, to) = (self.folder.join(name), folder.join(name));
-            fs::create_dir_all(to.parent().context("a file lies in a folder")?)?;
-            fs::copy(&from, &to).with_context(|| format!("cannot copy {}", from.display()))?;
+        let write = |name: &str, bytes: &[u8]| {
+            let to = folder.join(name);
+            let made = fs::create_dir_all(to.parent().unwrap_or(folder));
+            let written = made.and_then(|()| fs::write(&to, bytes));
+            written.with_context(|| format!("cannot write {}", to.display()))
+        };
+        for name in self.sums.keys() {
+            write(name, &self.read(name)?)?;
         }
-        Ok(())
+        write(SUMS, &fs::read(self.folder.join(SUMS))?)
     }
 
     /// The name of the only board.
@@ -218,15 +226,25 @@ impl Released {
     /// A file whose digest is that of the sums.
     fn read(&self, name: &str) -> Result<Vec<u8>> {
         let path = self.folder.join(name);
-        let bytes = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
         let sum = self.sums.get(name);
         let sum = sum.with_context(|| format!("{SUMS} does not list {name}"))?;
+        // Neither a link, which may lead anywhere, nor what has no end.
+        let is_file = fs::symlink_metadata(&path).map(|it| it.is_file());
+        let is_file = is_file.with_context(|| format!("cannot read {}", path.display()))?;
+        ensure!(is_file, "{} is no file", path.display());
+        let bytes = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
         ensure!(
             *sum == release::sha256(&bytes),
             "{name} is damaged, or of another release: {SUMS} has another digest"
         );
         Ok(bytes)
     }
+}
+
+/// Whether the name of a file stays within its folder.
+fn is_within(name: &str) -> bool {
+    let mut parts = Path::new(name).components();
+    !name.is_empty() && parts.all(|part| matches!(part, Component::Normal(_)))
 }
 
 /// Compares a file for a method with the ELF file of its image, and with the memory of the board.

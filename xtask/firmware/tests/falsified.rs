@@ -686,3 +686,32 @@ fn the_file_of_a_release_is_copied_without_a_compiler_and_a_false_one_is_not() {
     );
     assert_eq!(fs::read_dir(card.path()).unwrap().count(), 0);
 }
+
+#[test]
+fn nothing_outside_of_a_release_is_read_or_written() {
+    let release = Release::new("outside", CARD, RATE);
+    let sums = release.folder.join("SHA256SUMS");
+    let text = fs::read_to_string(&sums).unwrap();
+    for name in ["../out", "/etc/hostname", "board/../../out", "./out", ""] {
+        fs::write(&sums, format!("{text}{}  {name}\n", "0".repeat(64))).unwrap();
+        let error = Released::open(&release.folder).err().unwrap().to_string();
+        assert!(
+            error.contains("leads out of the release"),
+            "{name}: {error}"
+        );
+    }
+    fs::write(&sums, &text).unwrap();
+    let released = Released::open(&release.folder).unwrap();
+    released.check().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    released.copy(folder.path()).unwrap();
+    let copied = Released::open(folder.path()).unwrap();
+    copied.check().unwrap();
+    // The same bytes by a link, which may lead anywhere.
+    let file = folder.path().join(CARD).join("3-axes/firmware.bin");
+    let elsewhere = folder.path().join("elsewhere");
+    fs::rename(&file, &elsewhere).unwrap();
+    std::os::unix::fs::symlink(&elsewhere, &file).unwrap();
+    let error = copied.check().unwrap_err().to_string();
+    assert!(error.ends_with("firmware.bin is no file"), "{error}");
+}

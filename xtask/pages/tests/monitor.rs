@@ -124,6 +124,10 @@ fn check_attacks(address: &str) {
         (format!("DELETE / HTTP/1.1\r\n{host}\r\n"), "405"),
         ("GET / HTTP/1.1\r\n\r\n".into(), "403"),
         ("\0\x1b[2J / HTTP\r\n\r\n".into(), "400"),
+        (
+            format!("GET /events HTTP/1.1\r\n{host}Sec-Fetch-Site: cross-site\r\n\r\n"),
+            "403",
+        ),
         (fields, "4"),
         (endless, "431"),
     ] {
@@ -235,7 +239,10 @@ fn a_job_that_is_interrupted_has_not_succeeded() {
     let mut monitor = Monitor::start(&["examples/plate.nc", "--sim"]);
     let address = monitor.address();
     let is_in_motion = |event: &Value| event["now"]["state"] == "Run";
-    assert!(events(&address).any(|event| is_in_motion(&event)));
+    if !events(&address).any(|event| is_in_motion(&event)) {
+        let (status, printed) = monitor.end();
+        panic!("it does not move, {status:?}: {printed}");
+    }
     monitor.interrupt();
     let (status, printed) = monitor.end();
     assert_eq!(status, Some(1), "{printed}");

@@ -28,6 +28,8 @@ pub(crate) struct Request {
     pub(crate) path: String,
     /// The name by which the browser knows the server.
     pub(crate) host: String,
+    /// Another site's page asks for it.
+    pub(crate) is_from_elsewhere: bool,
     stream: TcpStream,
 }
 
@@ -85,11 +87,13 @@ pub(crate) fn serve(
             let Some(connection) = connection else {
                 continue;
             };
-            thread::spawn(move || {
+            let serve = move || {
                 // Who has gone needs no answer.
                 let _ = read(stream).and_then(|request| request.map_or(Ok(()), |it| answer(it)));
                 drop(connection);
-            });
+            };
+            // Without a thread, the connection is closed.
+            let _ = thread::Builder::new().spawn(serve);
         }
     });
 }
@@ -116,6 +120,7 @@ fn read(stream: TcpStream) -> io::Result<Option<Request>> {
     let mut request = Request {
         path: String::new(),
         host: String::new(),
+        is_from_elsewhere: false,
         stream,
     };
     let Some(refused) = read_head(&mut request)? else {
@@ -165,5 +170,7 @@ fn take(parsed: &httparse::Request<'_, '_>, request: &mut Request) -> Option<&'s
     let path = parsed.path.unwrap_or_default();
     request.path = path.split('?').next().unwrap_or_default().into();
     request.host = field("Host").unwrap_or_default().into();
+    let site = field("Sec-Fetch-Site").unwrap_or_default();
+    request.is_from_elsewhere = matches!(site, "cross-site" | "same-site");
     None
 }

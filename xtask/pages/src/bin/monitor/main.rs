@@ -17,7 +17,7 @@ use std::{fs, path::Path, process::ExitCode, sync::Arc};
 use anyhow::{Context, Result, ensure};
 use common::options::{self, Monitor as Options, Verb};
 use common::ui;
-use grbl_client::{Guard, Machine, guard};
+use grbl_client::{Guard, Machine, guard, link};
 use simulation::{
     Job, interrupt::interruptions, output::Output, playing::RaisedAlarm, program::Program, pty::Pty,
 };
@@ -64,12 +64,16 @@ fn run(options: &Options) -> Result<ExitCode> {
     let at = page::serve(&options.http, &shared, job)?;
     ui::status("Showing", &format!("http://{at}/ (Ctrl-C ends)"));
     let mut job = program.map(Sending::new);
+    // Ctrl-C while the job was tried: nothing has been sent.
+    ensure!(!link::is_stopped(&stop)?, link::Stopped);
     let guard = job.as_ref().map(|_| Guard::of(watch.link())).transpose()?;
     let watched = watch.run(link.as_ref().map(|(pty, _)| pty), job.as_mut(), &stop);
-    match guard {
-        Some(mut guard) if watched.is_ok() => guard.dismiss(),
-        // It holds the machine.
-        guard => drop(guard),
+    if let Some(mut guard) = guard {
+        if watched.is_ok() {
+            guard.dismiss();
+        } else if !guard.hold() {
+            ui::warning("the machine has not taken the hold: it may still move");
+        }
     }
     shared.change(picture::Picture::end);
     page::wait_for_pages(&shared);

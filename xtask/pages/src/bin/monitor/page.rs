@@ -96,6 +96,9 @@ fn answer(
     if !is_this_computer(&request.host, at) {
         return request.answer("403 Forbidden", &[], b"wrong host");
     }
+    if request.is_from_elsewhere {
+        return request.answer("403 Forbidden", &[], b"another site");
+    }
     match request.path.as_str() {
         "/events" => events(request, shared),
         // Browsers ask for it by themselves.

@@ -400,12 +400,12 @@ impl Run<'_> {
 
     /// Tells how the job has ended.
     fn finish(mut self, ended: Result<()>, options: &Options) -> Result<ExitCode> {
-        for note in self.job.take_notes() {
-            println!("{note}");
-        }
         // In every other case the machine may still move.
         if matches!(self.job.phase, Phase::Done | Phase::Failed(_)) {
             self.guard.dismiss();
+        }
+        for note in self.job.take_notes() {
+            println!("{note}");
         }
         if let Err(error) = ended {
             self.keep();

@@ -214,8 +214,11 @@ fn check(
     );
     for line in rest.iter().take(CHECKED) {
         let (wanted, done) = (one.read(line), other.read(line));
-        let text = String::from_utf8_lossy(line);
-        ensure!(wanted == done, "{text} would do something else");
+        ensure!(
+            wanted == done,
+            "{} would do something else",
+            simulation::shown(line)
+        );
         if matches!(wanted, Effect::Lost(_)) {
             break;
         }

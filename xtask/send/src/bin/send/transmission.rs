@@ -244,7 +244,7 @@ impl Transmission {
             return;
         };
         let index = answered.number as usize - 1;
-        let text = String::from_utf8_lossy(&answered.line);
+        let text = shown(&answered.line);
         let place = self.place(index);
         let refusal = format!(
             "{place} is refused: {text}: error:{number}{}",

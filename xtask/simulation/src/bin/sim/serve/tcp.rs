@@ -13,7 +13,9 @@ use simulation::holder;
 use super::Port;
 
 /// What requests of browsers begin with: any page can have them sent to this computer, with G-code in them.
-const REQUESTS: [&[u8]; 9] = [
+const REQUESTS: [&[u8]; 10] = [
+    // A handshake of TLS.
+    b"\x16\x03",
     b"GET ",
     b"POST ",
     b"HEAD ",
