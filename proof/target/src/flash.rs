@@ -7,11 +7,11 @@ use common::options::Flash as Options;
 use common::{tools, ui};
 use firmware::{
     boards::{Board, compile, layout},
-    flash::Chosen,
+    flash::FirmwareSource,
 };
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
-    let chosen = Chosen::by(options)?;
+    let chosen = FirmwareSource::by(options)?;
     let board = &chosen.board;
     if !cfg!(feature = "probe") {
         return again();

@@ -28,9 +28,9 @@ const LINGER: Duration = Duration::from_secs(2);
 
 /// The guard of a job. Dropped before it is [dismissed](Self::dismiss), it holds the machine.
 #[derive(Debug)]
-pub struct Guard(Child);
+pub struct JobGuard(Child);
 
-impl Guard {
+impl JobGuard {
     /// Begins to guard what is sent over a line.
     ///
     /// # Errors
@@ -59,7 +59,7 @@ impl Guard {
     }
 }
 
-impl Guard {
+impl JobGuard {
     /// Holds the machine now; returns whether the hold has been sent.
     #[must_use]
     pub fn hold(mut self) -> bool {
@@ -68,7 +68,7 @@ impl Guard {
     }
 }
 
-impl Drop for Guard {
+impl Drop for JobGuard {
     fn drop(&mut self) {
         drop(self.0.stdin.take());
         let _ = self.0.wait();
@@ -76,7 +76,7 @@ impl Drop for Guard {
 }
 
 /// Makes the process a guard, if it was started as one, and does not return then: for the beginning of a program that
-/// uses [`Guard`].
+/// uses [`JobGuard`].
 pub fn become_guard_if_asked() {
     if env::args_os().nth(1).is_none_or(|word| word != ARGUMENT) {
         return;

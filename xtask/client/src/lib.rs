@@ -32,7 +32,7 @@ pub use report::{NoReport, Report, Room, Status, numbers};
 pub use sender::{InFlight, Sender, WINDOW};
 
 #[cfg(feature = "os")]
-pub use guard::Guard;
+pub use guard::JobGuard;
 #[cfg(feature = "os")]
 pub use link::Link;
 #[cfg(feature = "os")]

@@ -14,5 +14,5 @@ pub mod usb;
 
 pub use crate::{
     fault::Fault,
-    loader::{Loader, Step},
+    loader::{RomBootloader, Step},
 };

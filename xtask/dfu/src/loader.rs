@@ -32,7 +32,7 @@ const WORD_BYTES: usize = 4;
 /// What is written to bytes that stay erased.
 const ERASED: u8 = 0xff;
 /// The longest that a command may take, and the shortest wait between two questions. A sector takes up to 4 s.
-const LONGEST: Duration = Duration::from_secs(30);
+const MAX_COMMAND_TIME: Duration = Duration::from_secs(30);
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 /// Requests after which a device is idle, from any state.
 const MOST_REQUESTS: usize = 4;
@@ -58,14 +58,14 @@ impl<D> Device for D where
 }
 
 /// The bootloader of the chip of a board.
-pub struct Loader<D> {
+pub struct RomBootloader<D> {
     device: D,
     sectors: Vec<Range<u32>>,
     block_bytes: usize,
     sleep: fn(Duration),
 }
 
-impl<D: Device> Loader<D> {
+impl<D: Device> RomBootloader<D> {
     /// Takes a device that is the bootloader of the board's chip.
     pub fn new(device: D, board: &Board) -> Result<Self> {
         let descriptor = device.functional_descriptor();
@@ -195,10 +195,10 @@ impl<D: Device> Loader<D> {
             match self.status()? {
                 (_, State::DfuDnloadIdle, _) => return Ok(()),
                 (_, State::DfuDnbusy | State::DfuDnloadSync, wait) => {
-                    if waited > LONGEST {
+                    if waited > MAX_COMMAND_TIME {
                         return Err(Fault::Silent);
                     }
-                    let wait = wait.clamp(SHORTEST_WAIT, LONGEST);
+                    let wait = wait.clamp(SHORTEST_WAIT, MAX_COMMAND_TIME);
                     (self.sleep)(wait);
                     waited += wait;
                 }
@@ -217,7 +217,7 @@ impl<D: Device> Loader<D> {
                 (_, State::DfuIdle, _) => return Ok(()),
                 (_, State::DfuError, _) => CLRSTATUS,
                 (_, State::DfuDnbusy, wait) => {
-                    (self.sleep)(wait.clamp(SHORTEST_WAIT, LONGEST));
+                    (self.sleep)(wait.clamp(SHORTEST_WAIT, MAX_COMMAND_TIME));
                     continue;
                 }
                 _ => ABORT,

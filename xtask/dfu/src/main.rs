@@ -7,9 +7,9 @@ use common::{
     options::{self, Flash, Verb},
     ui,
 };
-use dfu::{Loader, Step, usb};
+use dfu::{RomBootloader, Step, usb};
 use firmware::{
-    flash::{self, Chosen, Image},
+    flash::{self, FirmwareSource, Image},
     release,
 };
 use indicatif::{ProgressBar, ProgressStyle};
@@ -22,13 +22,13 @@ fn main() -> ExitCode {
 }
 
 fn run(options: &Flash) -> Result<ExitCode> {
-    let chosen = Chosen::by(options)?;
+    let chosen = FirmwareSource::by(options)?;
     let board = &chosen.board;
     let method = flash::by(board, release::BY_DFU)?;
     chosen.check(&method)?;
     // Nothing is compiled or proven in vain.
     let how = format!("{} (docs/boards/{}.md)", release::to_dfu(board), board.name);
-    let loader = Loader::new(usb::wait(&how)?, board)?;
+    let loader = RomBootloader::new(usb::wait(&how)?, board)?;
     let file = chosen.file(&method)?;
     let image = Image::read_dfu(board, &file)?;
     ui::status("Writing", &file.display().to_string());

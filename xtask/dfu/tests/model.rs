@@ -2,7 +2,7 @@
 
 use std::{cell::RefCell, collections::BTreeMap};
 
-use dfu::{Fault, Loader, Step};
+use dfu::{Fault, RomBootloader, Step};
 use dfu_core::{
     DfuIo, DfuProtocol, functional_descriptor::FunctionalDescriptor, memory_layout::MemoryLayout,
 };
@@ -10,13 +10,13 @@ use dfuse_model::{Chip, Device, FLASH, Failure};
 use firmware::{boards::Board, flash::Image};
 
 /// A device as the system's USB gives it.
-struct Bus<'a> {
+struct ModelIo<'a> {
     device: &'a RefCell<Device>,
     descriptor: FunctionalDescriptor,
     protocol: DfuProtocol<MemoryLayout>,
 }
 
-impl<'a> Bus<'a> {
+impl<'a> ModelIo<'a> {
     fn new(device: &'a RefCell<Device>) -> Self {
         let read = |value, language| {
             let mut device = device.borrow_mut();
@@ -47,7 +47,7 @@ fn fault(failure: Failure) -> Fault {
     }
 }
 
-impl DfuIo for Bus<'_> {
+impl DfuIo for ModelIo<'_> {
     type Read = usize;
     type Write = usize;
     type Reset = ();
@@ -129,7 +129,7 @@ fn device(chip: &str) -> RefCell<Device> {
 
 /// Writes the image of a board and starts it, as the command does.
 fn flash(board: &Board, device: &RefCell<Device>) -> anyhow::Result<BTreeMap<&'static str, usize>> {
-    let loader = Loader::new(Bus::new(device), board)?.with_sleep(|_| {});
+    let loader = RomBootloader::new(ModelIo::new(device), board)?.with_sleep(|_| {});
     let image = image(board);
     let mut done = BTreeMap::new();
     loader.write(&image, |step, bytes| {

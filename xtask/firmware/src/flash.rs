@@ -88,14 +88,14 @@ pub fn again(board: &Board) -> String {
 }
 
 /// What is flashed.
-pub struct Chosen {
+pub struct FirmwareSource {
     /// The board.
     pub board: Board,
     released: Option<Released>,
     is_unproven: bool,
 }
 
-impl Chosen {
+impl FirmwareSource {
     /// What the options of the command choose: the board that is named, or the only one of a release.
     pub fn by(options: &Flash) -> Result<Self> {
         let released = options.from.as_deref().map(Released::open).transpose()?;

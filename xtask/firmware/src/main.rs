@@ -12,7 +12,7 @@ use common::{
     ui,
 };
 use firmware::boards::{compile, layout};
-use firmware::{drive, flash::Chosen, release};
+use firmware::{drive, flash::FirmwareSource, release};
 
 fn main() -> ExitCode {
     common::main(|| match options::read() {
@@ -49,7 +49,7 @@ fn run(options: &Build) -> Result<ExitCode> {
 
 /// Copies the firmware of a board, built and proven or of a release, to the drive from which it is written.
 fn copy(options: &Flash) -> Result<ExitCode> {
-    let chosen = Chosen::by(options)?;
+    let chosen = FirmwareSource::by(options)?;
     let folder = options.to.as_deref().context("no folder is given")?;
     let method = drive::method(&chosen.board, folder)?;
     let file = chosen.file(&method)?;

@@ -25,7 +25,7 @@ use crate::{
 
 /// What every index has.
 #[derive(Deserialize)]
-struct Form {
+struct IndexFormat {
     format: u32,
 }
 
@@ -59,7 +59,8 @@ impl Released {
             index: Index::default(),
         };
         let index = released.read(INDEX)?;
-        let Form { format } = serde_json::from_slice(&index).context("the index is no index")?;
+        let IndexFormat { format } =
+            serde_json::from_slice(&index).context("the index is no index")?;
         ensure!(
             format == FORMAT,
             "the index has format {format}, and these sources read {FORMAT}: take those of the release"

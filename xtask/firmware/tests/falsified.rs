@@ -28,7 +28,7 @@ const RATE: u32 = 30_000;
 const RAM_END: u32 = 0x2002_0000;
 const PROGRAM_BYTES: u32 = 0x400;
 /// Boards of which each has another file beside the hex file.
-const CARD: &str = "btt-skr-2";
+const SD_CARD_BOARD: &str = "btt-skr-2";
 const UF2: &str = "flexi-hal";
 const DFU: &str = "blackpill-f411";
 /// One with the chip and the bootloader of the first.
@@ -215,42 +215,42 @@ type Falsification = (
 /// What makes one of a release.
 const OF_THE_RELEASE: &[Falsification] = &[
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.change("firmware.bin", |bytes| bytes[0x90] ^= 1),
         Renewed::Nothing,
         "firmware.bin is damaged, or of another release",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.change("firmware.bin", |bytes| bytes[0x90] ^= 1),
         Renewed::Sums,
         "the index has another digest",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| fs::remove_file(it.path("firmware.bin")).unwrap(),
         Renewed::Nothing,
         "cannot read",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| fs::remove_file(it.folder.join("SHA256SUMS")).unwrap(),
         Renewed::Nothing,
         "is no release: it has no SHA256SUMS",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| fs::write(it.folder.join("SHA256SUMS"), "").unwrap(),
         Renewed::Nothing,
         "SHA256SUMS does not list index.json",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| fs::write(it.folder.join("SHA256SUMS"), "sums").unwrap(),
         Renewed::Nothing,
@@ -258,84 +258,84 @@ const OF_THE_RELEASE: &[Falsification] = &[
     ),
     // The index of an older release beside newer files, alone, with its sums, with sums that were made anew.
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| older(it, &["index.json"]),
         Renewed::Nothing,
         "index.json is damaged, or of another release",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| older(it, &["index.json", "SHA256SUMS"]),
         Renewed::Nothing,
         "image.json is damaged, or of another release",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| older(it, &["index.json"]),
         Renewed::Sums,
         "image.json says something else than the index",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| older(it, &["index.json"]),
         Renewed::All,
         "image.json says something else than the index",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.index(|index| index["format"] = 2.into()),
         Renewed::Sums,
         "the index has format 2, and these sources read 1",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.index(|index| index["boards"] = "none".into()),
         Renewed::Sums,
         "the index is no index",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.index(|index| index["boards"][0]["name"] = "mill".into()),
         Renewed::Sums,
         "it has no board btt-skr-2, but\n  mill",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.index(|index| index["boards"][0]["chip"] = "STM32F446ZE".into()),
         Renewed::Sums,
         "its image is for an STM32F446ZE with 8 MHz, and this board has an STM32F407VG",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.index(|index| index["boards"][0]["crystal_mhz"] = 25.into()),
         Renewed::Sums,
         "with 25 MHz, and this board has an STM32F407VG with 8 MHz",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.index(|index| index["boards"][0]["images"][0]["axes"] = 6.into()),
         Renewed::Sums,
         "it has no image with 3 axes, but with 6, 4, 5",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.index(|index| index["boards"][0]["images"][0]["start"] = 0x0800_0000.into()),
         Renewed::Sums,
         "its image begins at 0x08000000, and a program of this board at 0x08008000",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.index(|index| index["boards"][0]["images"][0]["files"] = Vec::<u8>::new().into()),
         Renewed::Sums,
@@ -346,14 +346,14 @@ const OF_THE_RELEASE: &[Falsification] = &[
 /// The image.
 const OF_THE_IMAGE: &[Falsification] = &[
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.change("leadscrew.elf", |bytes| bytes[84 + 0x200] ^= 1),
         Renewed::All,
         "the image has another CRC",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| {
             it.change("leadscrew.elf", |bytes| {
@@ -364,14 +364,14 @@ const OF_THE_IMAGE: &[Falsification] = &[
         "the image says that 99000 steps/s are proven, and the index 30000",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.change("leadscrew.elf", |bytes| bytes[87] = 0x10),
         Renewed::All,
         "the stack begins at 0x10020000",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.change("leadscrew.elf", |bytes| bytes[91] = 0x09),
         Renewed::All,
@@ -379,21 +379,21 @@ const OF_THE_IMAGE: &[Falsification] = &[
     ),
     // The folder of another board with the same chip and the same bootloader, copied over this one.
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| other_board(it, OTHER),
         Renewed::Nothing,
         "damaged, or of another release",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| other_board(it, OTHER),
         Renewed::All,
         "it was built for another board, or for another number of axes",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| other_axes(it),
         Renewed::All,
@@ -404,28 +404,28 @@ const OF_THE_IMAGE: &[Falsification] = &[
 /// Each format, with digests that were made anew.
 const OF_A_FORMAT: &[Falsification] = &[
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.change("firmware.bin", |bytes| bytes[0x90] ^= 1),
         Renewed::All,
         "another byte than leadscrew.elf at 0x08008090",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.change("firmware.bin", |bytes| bytes.push(0)),
         Renewed::All,
         "it has 1025 bytes from 0x08008000 on, and leadscrew.elf has 1024",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| it.change("firmware.bin", |bytes| bytes.truncate(1000)),
         Renewed::All,
         "it has 1000 bytes",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "SD card",
         |it| {
             it.change("firmware.bin", |bytes| {
@@ -436,63 +436,63 @@ const OF_A_FORMAT: &[Falsification] = &[
         "another byte than leadscrew.elf at 0x08008000",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "probe",
         |it| it.change("leadscrew.hex", |bytes| bytes[20] ^= 1),
         Renewed::All,
         "record 2 is wrong",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "probe",
         |it| it.change("leadscrew.hex", |bytes| bytes.truncate(bytes.len() - 12)),
         Renewed::All,
         "the file is cut",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "probe",
         |it| it.change("leadscrew.hex", |bytes| bytes.extend(b":0100000001FE\n")),
         Renewed::All,
         "stands behind the last one",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "probe",
         |it| it.hex(|own| own[0].1[0x90] ^= 1),
         Renewed::All,
         "another byte than leadscrew.elf at 0x08008090",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "probe",
         |it| it.hex(|own| own[0].0 -= 0x8000),
         Renewed::All,
         "lie in the bootloader, which has the first 32 KiB",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "probe",
         |it| it.hex(|own| own.push((0x080c_0000, vec![0; 16]))),
         Renewed::All,
         "lie in sector 10, which holds settings",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "probe",
         |it| it.hex(|own| own.push((0x0810_0000, vec![0; 16]))),
         Renewed::All,
         "lie outside of the flash",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "probe",
         |it| it.hex(|own| own.push((0x0800_8010, vec![0; 16]))),
         Renewed::All,
         "what is at 0x08008010 is loaded twice",
     ),
     (
-        CARD,
+        SD_CARD_BOARD,
         "probe",
         |it| it.hex(|own| own.push((0x0802_0000, vec![0; 16]))),
         Renewed::All,
@@ -664,9 +664,9 @@ fn copy(release: &Release, to: &Path, arguments: &[&str]) -> (bool, String) {
 
 #[test]
 fn the_file_of_a_release_is_copied_without_a_compiler_and_a_false_one_is_not() {
-    let release = Release::new("copied", CARD, RATE);
+    let release = Release::new("copied", SD_CARD_BOARD, RATE);
     let card = tempfile::tempdir().unwrap();
-    for arguments in [&[][..], &["--board", CARD]] {
+    for arguments in [&[][..], &["--board", SD_CARD_BOARD]] {
         let (is_copied, printed) = copy(&release, card.path(), arguments);
         assert!(is_copied, "{printed}");
         let copied = card.path().join("firmware.bin");
@@ -689,7 +689,7 @@ fn the_file_of_a_release_is_copied_without_a_compiler_and_a_false_one_is_not() {
 
 #[test]
 fn nothing_outside_of_a_release_is_read_or_written() {
-    let release = Release::new("outside", CARD, RATE);
+    let release = Release::new("outside", SD_CARD_BOARD, RATE);
     let sums = release.folder.join("SHA256SUMS");
     let text = fs::read_to_string(&sums).unwrap();
     for name in ["../out", "/etc/hostname", "board/../../out", "./out", ""] {
@@ -708,7 +708,10 @@ fn nothing_outside_of_a_release_is_read_or_written() {
     let copied = Released::open(folder.path()).unwrap();
     copied.check().unwrap();
     // The same bytes by a link, which may lead anywhere.
-    let file = folder.path().join(CARD).join("3-axes/firmware.bin");
+    let file = folder
+        .path()
+        .join(SD_CARD_BOARD)
+        .join("3-axes/firmware.bin");
     let elsewhere = folder.path().join("elsewhere");
     fs::rename(&file, &elsewhere).unwrap();
     std::os::unix::fs::symlink(&elsewhere, &file).unwrap();

@@ -17,7 +17,7 @@ use std::{fs, path::Path, process::ExitCode, sync::Arc};
 use anyhow::{Context, Result, ensure};
 use common::options::{self, Monitor as Options, Verb};
 use common::ui;
-use grbl_client::{Guard, Machine, guard, link};
+use grbl_client::{JobGuard, Machine, guard, link};
 use simulation::{
     Job, interrupt::interruptions, output::Output, playing::RaisedAlarm, program::Program, pty::Pty,
 };
@@ -66,7 +66,10 @@ fn run(options: &Options) -> Result<ExitCode> {
     let mut job = program.map(Sending::new);
     // Ctrl-C while the job was tried: nothing has been sent.
     ensure!(!link::is_stopped(&stop)?, link::Stopped);
-    let guard = job.as_ref().map(|_| Guard::of(watch.link())).transpose()?;
+    let guard = job
+        .as_ref()
+        .map(|_| JobGuard::of(watch.link()))
+        .transpose()?;
     let watched = watch.run(link.as_ref().map(|(pty, _)| pty), job.as_mut(), &stop);
     if let Some(mut guard) = guard {
         if watched.is_ok() {

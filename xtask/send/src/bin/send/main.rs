@@ -23,7 +23,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use common::options::{self, Send as Options, Verb};
 use common::{text::duration, ui};
 use grbl_client::{
-    Guard, Link, Machine, MachineAnswers, guard,
+    JobGuard, Link, Machine, MachineAnswers, guard,
     link::{self, LinkLost, PollFlags, Stopped},
 };
 use leadscrew::{axis::AXES, units::Nm};
@@ -140,7 +140,7 @@ fn send(
     let travel = |axis| settings.travel(axis).map(|ends| ends.map(Nm::to_mm_f64));
     job.travel_mm = (0..AXES).map(travel).collect();
     let mut run = Run {
-        guard: Guard::of(&machine.link)?,
+        guard: JobGuard::of(&machine.link)?,
         job,
         machine,
         keyboard,
@@ -291,7 +291,7 @@ fn is_confirmed(options: &Options, keyboard: &mut Keyboard, stop: &UnixStream) -
 
 /// A job on its way.
 struct Run<'a> {
-    guard: Guard,
+    guard: JobGuard,
     job: Transmission,
     machine: Machine,
     keyboard: &'a mut Keyboard,
