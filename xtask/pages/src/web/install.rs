@@ -304,6 +304,7 @@ mod tests {
             });
             let mut entry = BoardEntry::new(&board, images.into());
             entry.title += " <&\">";
+            entry.about = "leave the button alone".into();
             entry
         });
         let index = Index::new("abc".into(), entries.into());
@@ -320,7 +321,7 @@ mod tests {
         let page = page();
         for part in [
             "<a href=\"#blackpill-f411\">WeAct BlackPill F411 &lt;&amp;&quot;&gt;</a>",
-            "<small>Runs at 96 MHz; the button KEY shorts the step of X, PA0: leave it alone.</small>",
+            "<small>Leave the button alone.</small>",
             "<td data-name=\"flashed by\">SD card, DFU, probe</td>",
             "<a href=\"release/fysetc-spider/5-axes/firmware.bin\" download>firmware.bin</a>",
             "<li>Copy <code>firmware.bin</code> to the root of a card with FAT32.</li>",
