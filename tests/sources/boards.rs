@@ -36,7 +36,7 @@ fn a_board_has_its_rates() {
     for board in names("boards") {
         assert!(
             rates.contains(&format!("\n\"{board}\" = [")),
-            "docs/rates.toml has no `{board}`: run `cargo xtask board check {board} --prove --write`"
+            "docs/rates.toml has no `{board}`: run `cargo xtask release --board {board} --out DIR --write`"
         );
     }
 }

@@ -64,6 +64,13 @@ pub enum Rule {
     StackOverflow,
 }
 
+impl Rule {
+    /// Whether deadlines are proven without it: a wish of the project, or of tasks without deadlines.
+    pub const fn is_wish(self) -> bool {
+        matches!(self, Self::Requirement | Self::UncountedLoop)
+    }
+}
+
 /// A place in the program.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Default)]
 pub struct Place {

@@ -269,6 +269,9 @@ mod tests {
         for (name, found, is_taken) in [
             ("btt-octopus-1.1-f446", &half[..], true),
             ("btt-octopus-1.1-f446", &[half, half].concat(), false),
+            ("mks-robin-nano-v3", &half, true),
+            ("mks-robin-nano-v3", &whole, true),
+            ("mks-robin-nano-v3", &[half, half].concat(), false),
             ("netduino-plus-2", &whole, true),
             ("netduino-plus-2", &[&whole[..], &whole].concat(), true),
             ("netduino-plus-2", &whole[1..], false),

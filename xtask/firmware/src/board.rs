@@ -66,11 +66,7 @@ fn check(options: &Options) -> Result<ExitCode> {
             println!();
         }
         if options.prove {
-            let rates = prove(board)?;
-            is_right &= !rates.contains(&0);
-            if options.write {
-                rates::write(board, rates)?;
-            }
+            is_right &= prove(board)?;
         }
     }
     if options.all || options.prove {
@@ -131,9 +127,9 @@ fn weak_outputs(board: &Board) -> Option<String> {
     })
 }
 
-/// Builds and proves a board's firmware with each number of axes: the rates, steps/s, 0 where none is proven.
-fn prove(board: &Board) -> Result<Vec<u32>> {
-    let mut rates = Vec::new();
+/// Builds and proves a board's firmware with each number of axes, and prints the rates; false where none is proven.
+fn prove(board: &Board) -> Result<bool> {
+    let mut are_proven = true;
     for axes in 3..=board.most_axes() {
         let axes = u8::try_from(axes).context("a machine has six axes at most")?;
         let file = board.argument();
@@ -149,15 +145,14 @@ fn prove(board: &Board) -> Result<Vec<u32>> {
                 rate.trim(),
                 board.sender()
             );
-            rates.push(rate.trim().parse().context("the proof gives no rate")?);
         } else if output.status.code() == Some(1) {
             println!("  {axes} axes: not proven");
-            rates.push(0);
+            are_proven = false;
         } else {
             bail!("the proof of {} has failed", board.name);
         }
     }
-    Ok(rates)
+    Ok(are_proven)
 }
 
 /// Makes a release.
@@ -167,10 +162,13 @@ pub(crate) fn release(options: &Release) -> Result<ExitCode> {
         None => firmware::boards::all()?,
     };
     let out = std::path::absolute(&options.out)?;
-    release::release(&boards, &out, || {
+    let index = release::release(&boards, &out, || {
         let folder = out.to_string_lossy();
         with_each_firmware(&boards, &["release-image", "--out", &folder, "--board"])
     })?;
+    if options.write {
+        rates::write(&boards, &index)?;
+    }
     ui::status("Released", &out.display().to_string());
     Ok(ExitCode::SUCCESS)
 }

@@ -53,19 +53,27 @@ impl Board {
         self.memory(cargo::axes().into())
     }
 
-    /// The sizes of the sectors of the flash, KiB, as the chip's own bootloader may describe it: that of the part, and twice
-    /// as much in two banks where the image also runs on F42x.
+    /// The sizes of the sectors of the flash, KiB, as the chip's own bootloader may describe it: that of the part, that of
+    /// the chip's larger parts, on which the image runs as well, and two banks of it where the image also runs on F42x.
     pub fn flashes_kib(&self) -> Vec<Vec<u32>> {
-        let mut end_kib = 0;
-        let sectors = self.chip.sectors_kib.iter().copied();
-        let sectors = sectors.take_while(|kib| {
-            end_kib += kib;
-            end_kib <= self.part.flash_kib
+        let sectors = &self.chip.sectors_kib;
+        let ends_kib = sectors.iter().scan(0, |end_kib, kib| {
+            *end_kib += kib;
+            Some(*end_kib)
         });
-        let sectors: Vec<_> = sectors.collect();
+        let parts = (1..).zip(ends_kib);
+        let parts = parts.filter(|(_, end_kib)| {
+            let is_part = self
+                .chip
+                .parts
+                .values()
+                .any(|part| part.flash_kib == *end_kib);
+            is_part && *end_kib >= self.part.flash_kib
+        });
+        let of_parts = parts.map(|(count, _)| sectors[..count].to_vec());
         let may_be_twice = self.chip.dev_ids.contains(&OF_TWO_BANKS);
         let twice = may_be_twice.then(|| sectors.repeat(2));
-        [sectors].into_iter().chain(twice).collect()
+        of_parts.chain(twice).collect()
     }
 
     /// Makes a Cargo command compile for the board.

@@ -237,7 +237,7 @@ pub fn write(board: &Board, elf: &Path) -> Result<Vec<(FlashMethod, PathBuf)>> {
 }
 
 /// Makes a release of boards in a folder, by `each`, which has the images of each board and number of axes made there.
-pub fn release(boards: &[Board], out: &Path, each: impl FnOnce() -> Result<bool>) -> Result<()> {
+pub fn release(boards: &[Board], out: &Path, each: impl FnOnce() -> Result<bool>) -> Result<Index> {
     fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let is_empty = fs::read_dir(out)?.next().is_none();
     ensure!(
@@ -255,7 +255,8 @@ pub fn release(boards: &[Board], out: &Path, each: impl FnOnce() -> Result<bool>
         Ok(BoardEntry::new(board, images.collect::<Result<_>>()?))
     });
     let index = Index::new(commit()?, entries.collect::<Result<_>>()?);
-    index.write(out, &licenses::notice()?)
+    index.write(out, &licenses::notice()?)?;
+    Ok(index)
 }
 
 impl Index {
@@ -343,7 +344,7 @@ pub fn image(board: &Board, into: &Path, out: &Path) -> Result<ReleasedImage> {
     let certificate = folder.join(CERTIFICATE);
     let path = certificate.to_string_lossy();
     let rate = step_rate_hz.to_string();
-    schedule(&["--step-rate", &rate, "--certificate", &path])?;
+    schedule(&["--rate", "--step-rate", &rate, "--certificate", &path])?;
     let fast = (!board.has_usb()).then(|| schedule(&["--baud", FAST_BAUD, "--rate"]));
     let fast = fast.transpose()?.map(|rate| rate.parse()).transpose()?;
     let certificate = (CERTIFICATE.into(), fs::read(&certificate)?);

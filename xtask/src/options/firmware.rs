@@ -117,9 +117,6 @@ pub struct BoardCheck {
     /// The same of one board; and prove the step rate at 115 200 baud
     #[arg(long)]
     pub prove: bool,
-    /// Write the rates that are proven into docs/rates.toml, of which `cargo xtask docs` makes tables
-    #[arg(long, requires = "prove")]
-    pub write: bool,
 }
 
 /// Make a board's file of a printer's configuration in Klipper's syntax
@@ -193,6 +190,9 @@ pub struct Release {
     /// One board only
     #[arg(long, value_name = "BOARD")]
     pub board: Option<String>,
+    /// Write the rates that are proven into docs/rates.toml, of which `cargo xtask docs` makes tables
+    #[arg(long)]
+    pub write: bool,
 }
 
 /// Make an image of a release

@@ -27,7 +27,7 @@ pub struct Schedule {
     #[arg(long, value_name = "OUT")]
     pub json: Option<OutputPath>,
     /// Write the certificate of the proof to a file, for `proof/check.py`
-    #[arg(long, value_name = "OUT", conflicts_with_all = ["rate", "check", "verdict"])]
+    #[arg(long, value_name = "OUT", conflicts_with_all = ["check", "verdict"])]
     pub certificate: Option<OutputPath>,
     /// Have the certificate of the proof checked by `proof/check.py`
     #[arg(long, conflicts_with_all = ["rate", "check"])]

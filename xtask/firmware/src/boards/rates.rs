@@ -6,13 +6,14 @@ use anyhow::{Context, Result, ensure};
 use common::cargo;
 
 use super::Board;
+use crate::release::Index;
 
 /// The file, from the project's root.
 const FILE: &str = "docs/rates.toml";
 /// What it begins with.
 const HEAD: &str = "\
 # Step rates of all axes together, steps/s, at which every deadline is met, over USB or at 115 200 baud: with three axes
-# and more; 0 where none is proven. Written by `cargo xtask board check --all --prove --write`.
+# and more. Written by `cargo xtask release --out DIR --write`.
 ";
 
 /// Rates by the name of the board: with three axes, four and so on.
@@ -25,16 +26,19 @@ pub fn read() -> Result<Rates> {
     toml::from_str(&text).with_context(|| format!("{FILE} cannot be understood"))
 }
 
-/// Writes the rates of a board of the project into the file.
-pub fn write(board: &Board, of_board: Vec<u32>) -> Result<()> {
-    let own = board_data::Board::path(&board.name, cargo::root());
-    ensure!(
-        board.file == own,
-        "{FILE} has the boards of the project: {} is none of them",
-        board.file.display()
-    );
+/// Writes the rates of a release into the file: the boards are of the project.
+pub fn write(boards: &[Board], index: &Index) -> Result<()> {
     let mut rates = read()?;
-    rates.insert(board.name.clone(), of_board);
+    for (board, entry) in boards.iter().zip(&index.boards) {
+        let own = board_data::Board::path(&board.name, cargo::root());
+        ensure!(
+            board.file == own,
+            "{FILE} has the boards of the project: {} is none of them",
+            board.file.display()
+        );
+        let of_board = entry.images.iter().map(|image| image.step_rate_hz);
+        rates.insert(board.name.clone(), of_board.collect());
+    }
     fs::write(cargo::root().join(FILE), text(&rates))
         .with_context(|| format!("cannot write {FILE}"))
 }
@@ -55,7 +59,7 @@ mod tests {
     #[test]
     fn what_is_written_is_read() {
         let rates = Rates::from([
-            ("a-1.2".to_owned(), vec![200_000, 0]),
+            ("a-1.2".to_owned(), vec![200_000, 150_000]),
             ("b".to_owned(), Vec::new()),
         ]);
         assert_eq!(toml::from_str::<Rates>(&text(&rates)).unwrap(), rates);

@@ -76,7 +76,6 @@ fn step_rates(boards: &[Board]) -> Result<String> {
             let rate = match of_board.get(axes - 3) {
                 _ if axes > board.most_axes() => "no pins".into(),
                 None => "not computed".into(),
-                Some(0) => "not proven".into(),
                 Some(&rate) => separated(rate.into()),
             };
             write!(text, " {rate} |")?;

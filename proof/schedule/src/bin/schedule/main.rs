@@ -212,13 +212,8 @@ fn replay(board: &Board, elf: &Path, report: &Report) -> Result<bool> {
 fn rate(report: &Report) -> Result<u32> {
     /// Most flaws that are printed before a replay.
     const MOST_SHOWN: usize = 3;
-    // A loop of a task without a deadline is the watchdog's affair: no step waits for it.
-    let asks = |rule| {
-        matches!(
-            rule,
-            Rule::DeadlineMissed | Rule::Requirement | Rule::UncountedLoop
-        )
-    };
+    // Another rate may be missed than the one that is proven.
+    let asks = |rule: Rule| rule.is_wish() || rule == Rule::DeadlineMissed;
     let rate = report.proven_step_rate_hz.get(&report.baud.to_string());
     let rate = rate.map_or(0, |rate| whole_thousands(*rate));
     let wrong: Vec<_> = report
