@@ -3,7 +3,7 @@
 //! What is quick finds most of what a change breaks; the rest takes long, or finds what is seldom broken.
 
 use std::{
-    env, iter,
+    env, fs, iter,
     process::{self, ExitCode},
     time::Instant,
 };
@@ -348,17 +348,28 @@ fn virtual_boards() -> Vec<Check> {
             check::by(tools::FIRMWARE, whole.into_iter().take(length), 3)
         })
     });
-    // From the drive of its ST-LINK: SD card and DFU are those of the others.
-    let drive = Check::new("the start, nucleo-f446re", || {
-        check::by(
-            tools::FIRMWARE,
-            ["rehearse", "--board", "nucleo-f446re", "--start"],
-            3,
-        )
+    // By SD card, DFU, and the drive of an ST-LINK.
+    let starts = ["btt-skr-2", "blackpill-f411", "nucleo-f446re"].map(|board| {
+        Check::new(format!("a release on its board, {board}"), move || {
+            started_from_release(board)
+        })
     });
     { [models].into_iter().chain(rehearsals) }
-        .chain([drive])
+        .chain(starts)
         .collect()
+}
+
+/// Makes a release of a board, and starts the board from the files in its folder.
+fn started_from_release(board: &str) -> Result<Verdict> {
+    let folder = cargo::target_dir_for(3).join("releases").join(board);
+    if folder.exists() {
+        fs::remove_dir_all(&folder).with_context(|| format!("{}", folder.display()))?;
+    }
+    let folder = folder.to_string_lossy();
+    let release = ["release", "--board", board, "--with-axes", "3", "--out"];
+    check::by(tools::FIRMWARE, [&release[..], &[&folder]].concat(), 3)?;
+    let start = ["rehearse", "--board", board, "--start", "--from", &folder];
+    check::by(tools::FIRMWARE, start, 3)
 }
 
 /// A board.

@@ -70,7 +70,7 @@ fn check(options: &Options) -> Result<ExitCode> {
         }
     }
     if options.all || options.prove {
-        is_right &= with_each_firmware(&boards, &["room"])?;
+        is_right &= with_each_firmware(&boards, None, &["room"])?;
     }
     Ok(if is_right {
         ExitCode::SUCCESS
@@ -162,9 +162,11 @@ pub(crate) fn release(options: &Release) -> Result<ExitCode> {
         None => firmware::boards::all()?,
     };
     let out = std::path::absolute(&options.out)?;
-    let index = release::release(&boards, &out, || {
+    let only = options.with_axes;
+    let index = release::release(&boards, &out, only, || {
         let folder = out.to_string_lossy();
-        with_each_firmware(&boards, &["release-image", "--out", &folder, "--board"])
+        let arguments = ["release-image", "--out", &folder, "--board"];
+        with_each_firmware(&boards, only, &arguments)
     })?;
     if options.write {
         rates::write(&boards, &index)?;
@@ -179,7 +181,7 @@ pub(crate) fn rehearse(options: &Rehearse) -> Result<ExitCode> {
         let mut arguments = vec!["rehearse"];
         arguments.extend(extent(options));
         arguments.push("--board");
-        let is_right = with_each_firmware(&firmware::boards::all()?, &arguments)?;
+        let is_right = with_each_firmware(&firmware::boards::all()?, None, &arguments)?;
         return Ok(if is_right {
             ExitCode::SUCCESS
         } else {
@@ -195,6 +197,7 @@ pub(crate) fn rehearse(options: &Rehearse) -> Result<ExitCode> {
             extent: extent(options),
             shows_lines: options.lines,
             into: options.into.as_deref().unwrap_or(&own),
+            from: options.from.as_deref(),
         },
     )?;
     if check::is_check() {
@@ -219,9 +222,9 @@ fn extent(options: &Rehearse) -> Option<&'static str> {
         .map(|it| it.1)
 }
 
-/// Has something done with the firmware of boards with each number of axes. Two chips run at a time, each in its own
+/// Has something done with the firmware of boards with each number of axes, or one only. Two chips run at a time, each in its own
 /// folder; the firmwares of a chip run one after the other. Returns false where one fails.
-fn with_each_firmware(boards: &[Board], arguments: &[&str]) -> Result<bool> {
+fn with_each_firmware(boards: &[Board], only: Option<u8>, arguments: &[&str]) -> Result<bool> {
     let mut by_chip: BTreeMap<&str, Vec<&Board>> = BTreeMap::new();
     for board in boards {
         by_chip.entry(&board.chip.hal).or_default().push(board);
@@ -233,7 +236,7 @@ fn with_each_firmware(boards: &[Board], arguments: &[&str]) -> Result<bool> {
         let mut is_right = true;
         while let Some(boards) = next() {
             for board in boards {
-                for axes in 3..=board.most_axes() {
+                for axes in board.numbers_of_axes(only) {
                     is_right &= with_firmware(board, axes, into, arguments)?;
                 }
             }
@@ -251,8 +254,7 @@ fn with_each_firmware(boards: &[Board], arguments: &[&str]) -> Result<bool> {
 }
 
 /// Has something done with one firmware, and prints what became of it.
-fn with_firmware(board: &Board, axes: usize, into: &Path, arguments: &[&str]) -> Result<bool> {
-    let axes = u8::try_from(axes).context("a machine has six axes at most")?;
+fn with_firmware(board: &Board, axes: u8, into: &Path, arguments: &[&str]) -> Result<bool> {
     let mut command = tools::command_for(tools::FIRMWARE, axes)?;
     command.args(arguments).arg(board.argument());
     command.arg("--into").arg(into);

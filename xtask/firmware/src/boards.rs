@@ -48,6 +48,13 @@ impl Board {
         self.file.to_string_lossy().into_owned()
     }
 
+    /// The numbers of axes that the board can have, or one of them.
+    pub fn numbers_of_axes(&self, only: Option<u8>) -> impl Iterator<Item = u8> + use<> {
+        let most = self.most_axes();
+        let numbers = (3..).take_while(move |axes| usize::from(*axes) <= most);
+        numbers.filter(move |axes| only.is_none_or(|it| it == *axes))
+    }
+
     /// Where program and settings are with as many axes as were asked for.
     pub fn chosen_memory(&self) -> MemoryLayout {
         self.memory(cargo::axes().into())

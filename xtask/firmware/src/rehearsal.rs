@@ -9,6 +9,7 @@ use std::{
 use crate::{
     boards::{Board, compile, layout, rates},
     image, release,
+    released::Released,
 };
 use anyhow::{Context, Result, bail, ensure};
 use board_data::Input;
@@ -29,16 +30,19 @@ pub struct Options<'a> {
     pub shows_lines: bool,
     /// Where Cargo builds the firmware.
     pub into: &'a Path,
+    /// The folder of a release whose files are taken instead.
+    pub from: Option<&'a Path>,
 }
 
 /// Rehearses a board with as many axes as were asked for; returns what it did, a line for each part.
 pub fn rehearse(board: &Board, options: Options<'_>) -> Result<String> {
     // The simulator's, before anything is asked of it.
     cargo::ask_for_clock(board.chip.clocks.core_mhz);
-    let (elf, mut command) = virtual_board(board, options.into)?;
-    let mut files: Vec<_> = { release::write(board, &elf)?.into_iter() }
-        .map(|(_, file)| file)
-        .collect();
+    let (elf, mut files) = match options.from {
+        Some(folder) => of_release(board, folder)?,
+        None => built(board, options.into)?,
+    };
+    let mut command = virtual_board(board, &elf)?;
     // Of two methods that take the same file, the first one's is at hand.
     files.dedup();
     for file in files {
@@ -67,15 +71,39 @@ pub fn rehearse(board: &Board, options: Options<'_>) -> Result<String> {
     Ok(text.trim_end().to_owned())
 }
 
+/// The ELF file of a release, and the files for all methods of the board.
+fn of_release(board: &Board, folder: &Path) -> Result<(PathBuf, Vec<PathBuf>)> {
+    let released = Released::open(folder)?;
+    let methods = release::flashing(board);
+    let files = methods.iter().map(|method| released.file(board, method));
+    Ok((released.elf(board)?, files.collect::<Result<_>>()?))
+}
+
+/// The same of a firmware that is built.
+fn built(board: &Board, into: &Path) -> Result<(PathBuf, Vec<PathBuf>)> {
+    let elf = build(board, into)?;
+    let files = release::write(board, &elf)?.into_iter();
+    Ok((elf, files.map(|(_, file)| file).collect()))
+}
+
 /// What serves a board to a sender at an address, by `--tcp` or `--usbip`.
 pub fn served(board: &Board, by: &str, address: &str) -> Result<Command> {
-    let (_, mut command) = virtual_board(board, &cargo::target_dir())?;
+    let mut command = virtual_board(board, &build(board, &cargo::target_dir())?)?;
     command.args([by, address]);
     Ok(command)
 }
 
-/// Builds the firmware of a board, with the step rate in it that is proven, and returns what runs it.
-fn virtual_board(board: &Board, into: &Path) -> Result<(PathBuf, Command)> {
+/// What runs the firmware of a board.
+fn virtual_board(board: &Board, elf: &Path) -> Result<Command> {
+    let axes = cargo::axes().to_string();
+    let mut command = tools::command(tools::VIRTUAL_BOARD)?;
+    command.args(["--board", &board.argument(), "--axes", &axes, "--elf"]);
+    command.arg(elf);
+    Ok(command)
+}
+
+/// Builds the firmware of a board, with the step rate in it that is proven.
+fn build(board: &Board, into: &Path) -> Result<PathBuf> {
     let axes = cargo::axes();
     let mut firmware = compile::image_in(into, board, &[])?;
     layout::check(board, &firmware)?;
@@ -91,10 +119,7 @@ fn virtual_board(board: &Board, into: &Path) -> Result<(PathBuf, Command)> {
     }
     let elf = compile::place(board, "-rehearsed");
     compile::replace(&elf, &firmware)?;
-    let mut command = tools::command(tools::VIRTUAL_BOARD)?;
-    command.args(["--board", &board.argument(), "--axes", &axes.to_string()]);
-    command.arg("--elf").arg(&elf);
-    Ok((elf, command))
+    Ok(elf)
 }
 
 /// The programs that a board runs, each with the simulator's step events and its settings. Motors that are driven by

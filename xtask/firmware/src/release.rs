@@ -236,8 +236,13 @@ pub fn write(board: &Board, elf: &Path) -> Result<Vec<(FlashMethod, PathBuf)>> {
     Ok(methods.map(|(path, method)| (method, path)).collect())
 }
 
-/// Makes a release of boards in a folder, by `each`, which has the images of each board and number of axes made there.
-pub fn release(boards: &[Board], out: &Path, each: impl FnOnce() -> Result<bool>) -> Result<Index> {
+/// Makes a release of boards in a folder, with each number of axes or one only, by `each`, which has the images of each board and number of axes made there.
+pub fn release(
+    boards: &[Board],
+    out: &Path,
+    only: Option<u8>,
+    each: impl FnOnce() -> Result<bool>,
+) -> Result<Index> {
     fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let is_empty = fs::read_dir(out)?.next().is_none();
     ensure!(
@@ -247,11 +252,16 @@ pub fn release(boards: &[Board], out: &Path, each: impl FnOnce() -> Result<bool>
     );
     ensure!(each()?, "not every image is proven");
     let entries = boards.iter().map(|board| {
-        let images = (3..=board.most_axes()).map(|axes| {
-            let file = out.join(folder(&board.name, axes as u8)).join(IMAGE);
+        let images = board.numbers_of_axes(only).map(|axes| {
+            let file = out.join(folder(&board.name, axes)).join(IMAGE);
             let text = fs::read_to_string(&file).with_context(|| format!("{}", file.display()))?;
             Ok(serde_json::from_str(&text)?)
         });
+        ensure!(
+            board.numbers_of_axes(only).count() > 0,
+            "{} has no so many axes",
+            board.name
+        );
         Ok(BoardEntry::new(board, images.collect::<Result<_>>()?))
     });
     let index = Index::new(commit()?, entries.collect::<Result<_>>()?);

@@ -63,7 +63,7 @@ fn make(name: &str, rate: u32) -> PathBuf {
     let board = boards::named(name).unwrap();
     let memory = board.chosen_memory();
     let stack = RAM_END.min(0x2000_0000 + memory.ram_bytes);
-    release::release(std::slice::from_ref(&board), &folder, || {
+    release::release(std::slice::from_ref(&board), &folder, None, || {
         for axes in 3..=board.most_axes() {
             let fingerprint = board_data::fingerprint(&board, axes);
             let mut elf = fake::elf_of(fingerprint, memory.flash_start, stack, PROGRAM_BYTES);

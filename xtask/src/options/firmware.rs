@@ -96,6 +96,9 @@ pub struct Rehearse {
     /// this, and look whether the rehearsal names each
     #[arg(long, value_name = "FAULT", num_args = 0..=1, default_missing_value = "", conflicts_with_all = ["board", "all", "short", "start", "lines"])]
     pub faults: Option<String>,
+    /// Take the files of a release, as `cargo xtask release` makes it
+    #[arg(long, value_name = "RELEASE", conflicts_with_all = ["all", "faults"])]
+    pub from: Option<PathBuf>,
     /// Where Cargo builds the firmware
     #[arg(long, hide = true, conflicts_with = "all")]
     pub into: Option<PathBuf>,
@@ -190,8 +193,11 @@ pub struct Release {
     /// One board only
     #[arg(long, value_name = "BOARD")]
     pub board: Option<String>,
+    /// One number of axes only
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(3..=6))]
+    pub with_axes: Option<u8>,
     /// Write the rates that are proven into docs/rates.toml, of which `cargo xtask docs` makes tables
-    #[arg(long)]
+    #[arg(long, conflicts_with = "with_axes")]
     pub write: bool,
 }
 
