@@ -11,11 +11,15 @@
 #![forbid(unsafe_code)]
 
 pub mod answer;
+#[cfg(feature = "serde")]
+pub mod client;
 mod line;
+mod manual_lines;
 pub mod meaning;
 pub mod realtime;
 mod report;
 pub mod sender;
+pub mod transmission;
 
 #[cfg(feature = "os")]
 pub mod guard;
@@ -27,9 +31,13 @@ mod machine;
 mod port;
 
 pub use answer::MachineAnswers;
+#[cfg(feature = "serde")]
+pub use client::Client;
 pub use line::{Line, Lines, Response};
+pub use manual_lines::ManualLines;
 pub use report::{NoReport, Report, Room, Status, numbers};
 pub use sender::{InFlight, Sender, WINDOW};
+pub use transmission::Transmission;
 
 #[cfg(feature = "os")]
 pub use guard::JobGuard;

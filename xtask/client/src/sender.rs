@@ -172,6 +172,20 @@ pub fn is_sent_alone(line: &[u8]) -> bool {
         || g_numbers(&code).any(|number| [10.0, 28.1, 30.1].contains(&number))
 }
 
+/// The beginning of a line, as it may be printed.
+#[must_use]
+pub fn shown(line: &[u8]) -> String {
+    const WIDTH: usize = 60;
+    let text = String::from_utf8_lossy(line.trim_ascii());
+    let printable = |c: char| if c.is_control() { '·' } else { c };
+    let shown: String = text.chars().map(printable).collect();
+    if shown.chars().count() > WIDTH {
+        shown.chars().take(WIDTH - 1).chain(['…']).collect()
+    } else {
+        shown
+    }
+}
+
 /// A line in upper case without blanks and comments.
 #[must_use]
 pub fn code(line: &[u8]) -> Vec<u8> {

@@ -26,7 +26,6 @@ mod job;
 pub mod job_times;
 #[cfg(feature = "os")]
 pub mod lock;
-#[cfg(feature = "os")]
 pub mod machine;
 #[cfg(feature = "os")]
 pub mod machine_answers;
@@ -63,7 +62,7 @@ pub use job::Job;
 pub use recording::Recording;
 #[cfg(feature = "os")]
 pub use refusal::{alarm_row, refusal};
-pub use refusals::{Cause, Refusals, line_error, shown};
+pub use refusals::{Cause, Refusals, line_error};
 pub use switch_positions::SwitchPositions;
 pub use waypoints::Waypoint;
 

@@ -19,8 +19,7 @@ use crate::{
     job_times::JobTimes,
     meaning::{self, LineOfAlarm},
     program::Program,
-    refusals::shown,
-    sender::Response,
+    sender::{Response, shown},
 };
 
 /// What is made of a run besides its figures.

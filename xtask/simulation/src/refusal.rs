@@ -2,7 +2,11 @@
 
 use owo_colors::OwoColorize;
 
-use crate::{meaning, playing::RaisedAlarm, sender::Response, shown};
+use crate::{
+    meaning,
+    playing::RaisedAlarm,
+    sender::{Response, shown},
+};
 
 /// A refused line with the reason: `12:  G999 X1   error:20 this command …`.
 pub fn refusal(number: u64, line: &[u8], response: Response) -> String {

@@ -136,19 +136,6 @@ impl Refusals {
     }
 }
 
-/// The beginning of a line, as it may be printed.
-pub fn shown(line: &[u8]) -> String {
-    const WIDTH: usize = 60;
-    let text = String::from_utf8_lossy(line.trim_ascii());
-    let printable = |c: char| if c.is_control() { '·' } else { c };
-    let shown: String = text.chars().map(printable).collect();
-    if shown.chars().count() > WIDTH {
-        shown.chars().take(WIDTH - 1).chain(['…']).collect()
-    } else {
-        shown
-    }
-}
-
 /// Whether a line belongs to a program with variables, subroutines or loops.
 fn is_expression(code: &[u8]) -> bool {
     let is_call = |word: &[u8]| matches!(name(word).as_str(), "M98" | "M99");

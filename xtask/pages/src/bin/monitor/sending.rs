@@ -2,8 +2,11 @@
 
 use anyhow::Result;
 use common::ui;
-use grbl_client::{Response, Sender, meaning, sender::Received};
-use simulation::{program::Program, shown};
+use grbl_client::{
+    Response, Sender, meaning,
+    sender::{Received, shown},
+};
+use simulation::program::Program;
 
 /// A program on its way.
 pub(crate) struct Sending {

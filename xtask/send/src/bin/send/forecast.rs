@@ -14,8 +14,7 @@ use simulation::{
     output,
     playing::reason_of_alarm,
     refusal,
-    sender::Response,
-    shown,
+    sender::{Response, shown},
 };
 
 use crate::link::Stopped;

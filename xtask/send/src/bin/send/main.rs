@@ -3,12 +3,10 @@
 mod approach;
 mod forecast;
 mod machine;
-mod manual_lines;
 mod record;
 mod replay;
 mod resume;
 mod screen;
-mod transmission;
 
 use std::{
     io::Read as _,
@@ -25,6 +23,7 @@ use common::{text::duration, ui};
 use grbl_client::{
     JobGuard, Link, Machine, MachineAnswers, guard,
     link::{self, LinkLost, PollFlags, Stopped},
+    transmission::{Phase, Transmission},
 };
 use leadscrew::{axis::AXES, units::Nm};
 use simulation::{
@@ -38,7 +37,6 @@ use forecast::Forecast;
 use record::{Record, RecordFile};
 use resume::{Beginning, Entry};
 use screen::{Keyboard, Screen};
-use transmission::{Phase, Transmission};
 
 /// How often the machine is asked for a report.
 const REPORT_INTERVAL: Duration = Duration::from_millis(200);

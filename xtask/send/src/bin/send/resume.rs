@@ -217,7 +217,7 @@ fn check(
         ensure!(
             wanted == done,
             "{} would do something else",
-            simulation::shown(line)
+            grbl_client::sender::shown(line)
         );
         if matches!(wanted, Effect::Lost(_)) {
             break;

@@ -12,6 +12,7 @@ use common::text::duration;
 use grbl_client::{
     Status,
     link::{self, PollFlags, Stopped},
+    transmission::Transmission,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use jiff::{SignedDuration, Zoned};
@@ -21,8 +22,6 @@ use rustix::{
     termios::{LocalModes, OptionalActions, Termios},
 };
 use simulation::output;
-
-use crate::transmission::Transmission;
 
 /// How often the state is printed where nobody can see a bar.
 const PRINT_EVERY: Duration = Duration::from_secs(10);
@@ -222,7 +221,7 @@ fn state(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::transmission::KEYS;
+    use grbl_client::transmission::KEYS;
 
     #[test]
     fn every_key_is_shown_and_no_other() {

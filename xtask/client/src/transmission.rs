@@ -4,23 +4,21 @@
 
 use std::mem;
 
-use grbl_client::{
-    Line, Response, Sender, Status,
+use leadscrew::{axis::LETTERS, model::Alarm};
+
+use crate::{
+    Line, ManualLines, Response, Sender, Status,
     meaning::{self, LineOfAlarm},
     realtime,
-    sender::{Answered, Received},
+    sender::{Answered, Received, shown},
 };
-use leadscrew::{axis::LETTERS, model::Alarm};
-use simulation::shown;
-
-use crate::manual_lines::ManualLines;
 
 /// Waits until everything is done: a dwell is answered at its end.
 const LAST: &[u8] = b"G4 P0.01";
 
 /// What the operator wants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Key {
+pub enum Key {
     /// Feed hold.
     Hold,
     /// Cycle start.
@@ -34,7 +32,7 @@ pub(crate) enum Key {
 }
 
 /// The keys, in the order in which they are shown, and what they ask for.
-pub(crate) const KEYS: [(u8, Key); 13] = [
+pub const KEYS: [(u8, Key); 13] = [
     (b'h', Key::Hold),
     (b'r', Key::Resume),
     (b'q', Key::Stop),
@@ -52,7 +50,8 @@ pub(crate) const KEYS: [(u8, Key); 13] = [
 
 impl Key {
     /// The key of a byte.
-    pub(crate) fn of(byte: u8) -> Option<Self> {
+    #[must_use]
+    pub fn of(byte: u8) -> Option<Self> {
         let byte = match byte {
             b'!' | b' ' | b'H' => b'h',
             b'~' | b'R' | b'\n' | b'\r' => b'r',
@@ -67,7 +66,7 @@ impl Key {
 
 /// Where a job is.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Phase {
+pub enum Phase {
     /// Lines are sent.
     Running,
     /// It is being stopped for a reason: when the machine is at rest, it is reset.
@@ -81,7 +80,8 @@ pub(crate) enum Phase {
 }
 
 /// The transmission of a job.
-pub(crate) struct Transmission {
+#[derive(Debug)]
+pub struct Transmission {
     /// What is to be sent, first the lines of the approach.
     lines: Vec<Vec<u8>>,
     approach: usize,
@@ -90,24 +90,26 @@ pub(crate) struct Transmission {
     next: usize,
     /// It fills at most a receive buffer of Grbl's size: lines of the operator need room after the lines of the job.
     sender: Sender,
-    pub(crate) phase: Phase,
-    pub(crate) status: Status,
+    /// How far it is.
+    pub phase: Phase,
+    /// The last report.
+    pub status: Status,
     /// The operator has asked for a hold.
     is_hold_asked: bool,
     /// A note has reported that the machine waits.
     is_wait_reported: bool,
     /// What the operator types during a change of the tool.
-    pub(crate) manual_lines: ManualLines,
+    pub manual_lines: ManualLines,
     /// Lines that were answered before a change of the tool in which the operator has set an offset.
-    pub(crate) measured: Option<usize>,
+    pub measured: Option<usize>,
     /// Somebody can press a key.
-    pub(crate) has_operator: bool,
+    pub has_operator: bool,
     /// A refused line does not end the job.
     ignores_refusals: bool,
     /// The first line of the program that the machine may not have carried out, from 0.
-    pub(crate) undone: usize,
+    pub undone: usize,
     /// The travel of each axis that has one.
-    pub(crate) travel_mm: Vec<Option<[f64; 2]>>,
+    pub travel_mm: Vec<Option<[f64; 2]>>,
     /// The dwell at the end has been sent.
     is_last_sent: bool,
     output: Vec<u8>,
@@ -118,7 +120,8 @@ pub(crate) struct Transmission {
 
 impl Transmission {
     /// A program from a line on, counted from 0, behind an approach.
-    pub(crate) fn new(
+    #[must_use]
+    pub fn new(
         approach: &[String],
         program: &[Vec<u8>],
         first: usize,
@@ -149,13 +152,14 @@ impl Transmission {
     }
 
     /// Lines of the program that have been answered, with those before the first.
-    pub(crate) fn answered(&self) -> usize {
+    #[must_use]
+    pub fn answered(&self) -> usize {
         let answered = (self.sender.answered() as usize).min(self.lines.len());
         self.first + answered.saturating_sub(self.approach)
     }
 
     /// Takes the bytes that are to be sent now.
-    pub(crate) fn take_output(&mut self) -> Vec<u8> {
+    pub fn take_output(&mut self) -> Vec<u8> {
         if self.phase == Phase::Running {
             self.fill();
         }
@@ -163,12 +167,12 @@ impl Transmission {
     }
 
     /// Takes what the operator is to read.
-    pub(crate) fn take_notes(&mut self) -> Vec<String> {
+    pub fn take_notes(&mut self) -> Vec<String> {
         mem::take(&mut self.notes)
     }
 
     /// Asks for a report.
-    pub(crate) fn ask(&mut self) {
+    pub fn ask(&mut self) {
         self.output.push(realtime::REPORT);
     }
 
@@ -195,7 +199,7 @@ impl Transmission {
     }
 
     /// Takes a line of the machine.
-    pub(crate) fn receive(&mut self, line: &str) {
+    pub fn receive(&mut self, line: &str) {
         match Line::read(line) {
             Line::Report(report) => {
                 self.status.take(report);
@@ -372,7 +376,7 @@ impl Transmission {
     }
 
     /// Ends the job: the machine is held, and reset when it is at rest, so that it keeps its position.
-    pub(crate) fn stop(&mut self, reason: String) {
+    pub fn stop(&mut self, reason: String) {
         if self.phase == Phase::Running {
             self.output.push(realtime::HOLD);
             self.output.push(realtime::REPORT);
@@ -381,7 +385,7 @@ impl Transmission {
     }
 
     /// Takes a key.
-    pub(crate) fn press(&mut self, key: Key) {
+    pub fn press(&mut self, key: Key) {
         if self.phase != Phase::Running {
             return;
         }
@@ -406,7 +410,7 @@ impl Transmission {
     }
 
     /// Takes a byte of the keyboard: of a line that is being typed, or a key.
-    pub(crate) fn key(&mut self, byte: u8) {
+    pub fn key(&mut self, byte: u8) {
         if self.manual_lines.is_asked() {
             return;
         }
@@ -426,7 +430,7 @@ impl Transmission {
     }
 
     /// Ctrl-C: first a hold, where somebody can resume; then the end of the job.
-    pub(crate) fn interrupt(&mut self) {
+    pub fn interrupt(&mut self) {
         if self.has_operator && !self.is_hold_asked {
             self.press(Key::Hold);
             self.notes.push("held: r resumes, q or Ctrl-C stops".into());

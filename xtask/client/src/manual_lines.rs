@@ -3,7 +3,7 @@
 //! Pure. The machine executes lines then, and keeps those that the job has sent before; so nothing more of the
 //! job is sent until the machine goes on with it.
 
-use grbl_client::{
+use crate::{
     Response, meaning,
     realtime::{HOLD, TOOL_CHANGE},
     sender::code,
@@ -23,30 +23,53 @@ enum Stage {
 
 /// What is typed.
 #[derive(Debug, Default)]
-pub(crate) struct ManualLines {
+pub struct ManualLines {
     stage: Stage,
     /// The line that is being typed.
-    pub(crate) text: Option<String>,
+    pub text: Option<String>,
     unanswered: usize,
     /// The operator has pressed cycle start since.
     is_resumed: bool,
     /// A line has set what a reset takes away again.
-    pub(crate) has_set: bool,
+    pub has_set: bool,
 }
 
 impl ManualLines {
     /// Whether nothing of the job may be sent.
-    pub(crate) fn is_on(&self) -> bool {
+    #[must_use]
+    pub fn is_on(&self) -> bool {
         self.stage != Stage::Off
     }
 
     /// Whether the machine has not followed yet: what is typed now would be taken for keys.
-    pub(crate) fn is_asked(&self) -> bool {
+    #[must_use]
+    pub fn is_asked(&self) -> bool {
         matches!(self.stage, Stage::Asked(_))
     }
 
+    /// Whether the machine executes lines now.
+    #[must_use]
+    pub fn takes_lines(&self) -> bool {
+        self.stage == Stage::On
+    }
+
+    /// Sends a line.
+    pub fn send(&mut self, line: &str, output: &mut Vec<u8>) {
+        self.has_set |= sets(line.as_bytes());
+        output.extend(line.as_bytes());
+        output.push(b'\n');
+        self.unanswered += 1;
+        self.is_resumed = false;
+    }
+
+    /// Whether one is not answered yet.
+    #[must_use]
+    pub fn awaits_answer(&self) -> bool {
+        self.unanswered > 0
+    }
+
     /// Asks the machine to execute lines.
-    pub(crate) fn begin(&mut self, output: &mut Vec<u8>) {
+    pub fn begin(&mut self, output: &mut Vec<u8>) {
         if self.stage == Stage::Off {
             self.stage = Stage::Asked(0);
             output.push(TOOL_CHANGE);
@@ -57,12 +80,12 @@ impl ManualLines {
     }
 
     /// The operator has pressed cycle start.
-    pub(crate) fn resume(&mut self) {
+    pub fn resume(&mut self) {
         self.is_resumed = true;
     }
 
     /// Takes the state of a report. Returns what the operator is to read.
-    pub(crate) fn report(&mut self, state: &str) -> Option<&'static str> {
+    pub fn report(&mut self, state: &str) -> Option<&'static str> {
         match self.stage {
             Stage::Asked(_) if state == "Tool" => {
                 self.stage = Stage::On;
@@ -89,7 +112,7 @@ impl ManualLines {
     }
 
     /// Takes an answer, if it is one to a typed line. Returns what the operator is to read.
-    pub(crate) fn answer(&mut self, line: &str) -> Option<String> {
+    pub fn answer(&mut self, line: &str) -> Option<String> {
         let response = Response::parse(line).filter(|_| self.unanswered > 0)?;
         self.unanswered -= 1;
         Some(match response {
@@ -102,7 +125,7 @@ impl ManualLines {
     }
 
     /// Takes a key while a line is being typed. Returns whether a line is complete and sent.
-    pub(crate) fn press(&mut self, key: u8, output: &mut Vec<u8>) -> bool {
+    pub fn press(&mut self, key: u8, output: &mut Vec<u8>) -> bool {
         let Some(text) = &mut self.text else {
             return false;
         };
@@ -110,11 +133,7 @@ impl ManualLines {
             b'\n' | b'\r' if text.is_empty() => self.text = None,
             b'\n' | b'\r' => {
                 let line = std::mem::take(text);
-                self.has_set |= sets(line.as_bytes());
-                output.extend(line.as_bytes());
-                output.push(b'\n');
-                self.unanswered += 1;
-                self.is_resumed = false;
+                self.send(&line, output);
                 return true;
             }
             0x1b => self.text = None,

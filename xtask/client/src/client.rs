@@ -1,0 +1,525 @@
+//! A machine and its operator: what is asked for and what the machine says go in; bytes for the machine, answers and
+//! the state of the machine come out.
+//!
+//! Pure: the caller owns line, clock and screen. It calls [`tick`](Client::tick) some 50 times a second.
+
+mod jog;
+mod protocol;
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    mem,
+};
+
+pub use protocol::{Command, Event, JobState, State};
+
+use leadscrew::axis::LETTERS;
+
+use crate::{
+    Line, Lines, Response, Sender, Status, Transmission, meaning, realtime,
+    sender::Received,
+    transmission::{Key, Phase},
+};
+use jog::Jog;
+
+/// How long a [`Command::Move`] counts, ms.
+pub const HELD_MS: u64 = 200;
+/// How often the machine is asked for a report, ms, and how often while it jogs.
+const REPORT_MS: u64 = 100;
+const JOG_REPORT_MS: u64 = 50;
+/// After how long without a word the machine counts as gone, ms.
+const GONE_MS: u64 = 2000;
+/// Events beyond these are left out: nobody reads so many lines.
+const MOST_EVENTS: usize = 400;
+/// The settings of the fastest rate of X, mm/min, and of its acceleration, mm/s²; those of the other axes follow.
+const MAX_RATE: u16 = 110;
+const ACCELERATION: u16 = 120;
+/// `error:15`, a jog beyond the travel.
+const BEYOND_TRAVEL: Response = Response::Error(15);
+
+/// Whose a line is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Origin {
+    /// The page's, with the number of its command.
+    Page(u32),
+    /// The client's own.
+    Own,
+    /// Of the jog with a number.
+    Jog(u32),
+}
+
+/// A line of the operator.
+#[derive(Debug)]
+struct Asked {
+    of: Origin,
+    text: String,
+    /// What has come before its answer.
+    lines: Vec<String>,
+}
+
+/// The program of a page.
+#[derive(Debug, Default)]
+struct Program {
+    name: String,
+    lines: Vec<Vec<u8>>,
+}
+
+/// The client of a machine.
+#[derive(Debug, Default)]
+pub struct Client {
+    lines: Lines,
+    status: Status,
+    /// When the machine has said something, and when it has been asked, ms.
+    received_ms: Option<u64>,
+    asked_ms: Option<u64>,
+    sender: Sender,
+    waiting: VecDeque<Asked>,
+    in_flight: VecDeque<Asked>,
+    jog: Option<Jog>,
+    /// The number of the newest jog.
+    jogs: u32,
+    program: Program,
+    job: Option<Transmission>,
+    state: State,
+    /// `$G` may have another answer.
+    are_modes_old: bool,
+    /// The machine has been asked for its settings, of which these are numbers.
+    are_settings_known: bool,
+    settings: BTreeMap<u16, f64>,
+    output: Vec<u8>,
+    events: Vec<Event>,
+}
+
+impl Client {
+    /// Takes what the operator asks for, at a time in ms.
+    pub fn command(&mut self, command: Command, now_ms: u64) {
+        match command {
+            Command::Line { number, text } => self.ask(Origin::Page(number), text),
+            Command::Realtime { byte } => self.realtime(byte),
+            Command::Step { by, feed } => self.ask(Origin::Own, jog::line(&by, feed)),
+            Command::Move { along, feed } => self.hold(along, feed, now_ms),
+            Command::Halt => self.halt(),
+            Command::Program { name, text } => self.take_program(name, &text),
+            Command::Start => self.start(),
+            Command::Stop => self.key(Key::Stop),
+            Command::TakeLines => self.key(Key::ManualLines),
+        }
+    }
+
+    /// Takes bytes of the machine, at a time in ms.
+    pub fn receive(&mut self, bytes: &[u8], now_ms: u64) {
+        self.lines.push(bytes);
+        while let Some(line) = self.lines.next_line() {
+            self.received_ms = Some(now_ms);
+            self.receive_line(&line);
+        }
+    }
+
+    /// Goes on: asks for reports, jogs while a key is held, sends what there is room for.
+    pub fn tick(&mut self, now_ms: u64) {
+        let is_held = self
+            .jog
+            .as_ref()
+            .is_some_and(|jog| jog.silence_ms(now_ms) <= HELD_MS);
+        if self.jog.is_some() && !is_held {
+            self.halt();
+        }
+        let period_ms = if self.jog.is_some() {
+            JOG_REPORT_MS
+        } else {
+            REPORT_MS
+        };
+        if self
+            .asked_ms
+            .is_none_or(|asked_ms| now_ms >= asked_ms + period_ms)
+        {
+            self.asked_ms = Some(now_ms);
+            self.output.push(realtime::REPORT);
+        }
+        self.state.is_there = self
+            .received_ms
+            .is_some_and(|received_ms| now_ms < received_ms + GONE_MS);
+        self.send();
+        self.show();
+    }
+
+    /// Takes the bytes that are to be sent now.
+    pub fn take_output(&mut self) -> Vec<u8> {
+        mem::take(&mut self.output)
+    }
+
+    /// Takes what is to be shown.
+    pub fn take_events(&mut self) -> Vec<Event> {
+        mem::take(&mut self.events)
+    }
+
+    /// Nobody is at the page any more: a jog ends, a job goes on.
+    pub fn leave(&mut self) {
+        self.halt();
+    }
+
+    /// The line to the machine is broken: nothing that was sent will be answered.
+    pub fn lose_line(&mut self) {
+        let job = self.job.take();
+        if job.is_some() {
+            self.state.job = Some(JobState {
+                is_running: false,
+                outcome: "the line to the machine was lost".into(),
+                ..self.state.job.take().unwrap_or_default()
+            });
+        }
+        self.forget();
+        self.lines = Lines::default();
+        self.received_ms = None;
+        self.are_settings_known = false;
+        self.output.clear();
+    }
+
+    /// The machine and the job, as they are shown.
+    #[must_use]
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Drops what will not be answered.
+    fn forget(&mut self) {
+        self.jog = None;
+        self.sender = Sender::default();
+        for asked in mem::take(&mut self.in_flight)
+            .into_iter()
+            .chain(mem::take(&mut self.waiting))
+        {
+            self.answer(asked, "");
+        }
+    }
+
+    fn note(&mut self, event: Event) {
+        if self.events.len() < MOST_EVENTS {
+            self.events.push(event);
+        }
+    }
+
+    fn ask(&mut self, of: Origin, text: String) {
+        let is_one_line = !text.is_empty() && !text.contains(['\n', '\r']);
+        if is_one_line {
+            self.waiting.push_back(Asked {
+                of,
+                text,
+                lines: Vec::new(),
+            });
+        }
+    }
+
+    fn realtime(&mut self, byte: u8) {
+        let key = match byte {
+            realtime::HOLD => Key::Hold,
+            realtime::RESUME => Key::Resume,
+            byte => Key::Realtime(byte),
+        };
+        match &mut self.job {
+            Some(job) if job.phase == Phase::Running => job.press(key),
+            _ => self.output.push(byte),
+        }
+    }
+
+    fn key(&mut self, key: Key) {
+        if let Some(job) = &mut self.job {
+            job.press(key);
+        }
+    }
+
+    fn take_program(&mut self, name: String, text: &str) {
+        if self.job.is_some() {
+            return;
+        }
+        self.program = Program {
+            name,
+            lines: text.lines().map(|line| line.as_bytes().to_vec()).collect(),
+        };
+        self.state.job = Some(JobState {
+            name: self.program.name.clone(),
+            lines: self.program.lines.len(),
+            ..JobState::default()
+        });
+    }
+
+    /// Begins the job, where nothing else is under way.
+    fn start(&mut self) {
+        let is_idle = self.status.report.state_name() == "Idle" && self.is_silent();
+        if !is_idle || self.job.is_some() || self.program.lines.is_empty() {
+            let text = "the job begins at rest alone: the machine has to be idle".into();
+            self.note(Event::Note { text });
+            return;
+        }
+        let mut job = Transmission::new(&[], &self.program.lines, 0, false);
+        job.status.clone_from(&self.status);
+        self.job = Some(job);
+    }
+
+    /// Whether nothing was sent that is not answered.
+    fn is_silent(&self) -> bool {
+        self.sender.is_done() && self.waiting.is_empty() && self.jog.is_none()
+    }
+
+    /// A key is held.
+    fn hold(&mut self, along: Vec<i8>, feed: f64, now_ms: u64) {
+        if self.jog.as_ref().is_some_and(|jog| jog.is(&along, feed)) {
+            self.jog.iter_mut().for_each(|jog| jog.hold(now_ms));
+            return;
+        }
+        self.halt();
+        let may_jog = matches!(self.status.report.state_name(), "Idle" | "Jog" | "Tool");
+        let start = self.status.machine_position();
+        if let Some(start) = start.filter(|_| may_jog && feed > 0.0) {
+            self.jogs += 1;
+            let rates = self.settings_of_axes(MAX_RATE);
+            self.jog = Some(Jog::new((along, feed), &rates, start, now_ms));
+        }
+    }
+
+    /// Ends a jog.
+    fn halt(&mut self) {
+        if self.jog.take().is_some() {
+            self.output.push(realtime::JOG_CANCEL);
+        }
+    }
+
+    /// Sends what there is room for.
+    fn send(&mut self) {
+        if let Some(job) = &mut self.job {
+            let output = job.take_output();
+            self.output.extend(&output);
+            let lines = output.split(|byte| *byte == b'\n');
+            for line in lines.filter(|line| !line.is_empty()) {
+                let text = String::from_utf8_lossy(line).into_owned();
+                self.note(Event::Line {
+                    is_sent: true,
+                    text,
+                });
+            }
+        }
+        while self
+            .waiting
+            .front()
+            .is_some_and(|asked| self.may_send(&asked.text))
+            && let Some(asked) = self.waiting.pop_front()
+        {
+            self.send_line(asked);
+        }
+        self.send_jogs();
+        let is_idle = matches!(self.status.report.state_name(), "Idle" | "Alarm" | "Check");
+        if !is_idle || !self.is_silent() {
+            return;
+        }
+        if !mem::replace(&mut self.are_settings_known, true) {
+            self.ask(Origin::Own, "$$".into());
+        } else if mem::take(&mut self.are_modes_old) {
+            self.ask(Origin::Own, "$G".into());
+        }
+    }
+
+    /// Whether the machine has room for a line: amid a job it has in a change of the tool alone.
+    fn may_send(&self, text: &str) -> bool {
+        match &self.job {
+            Some(job) => job.manual_lines.takes_lines(),
+            None => self.sender.may_send(text.as_bytes()),
+        }
+    }
+
+    fn send_line(&mut self, asked: Asked) {
+        let text = asked.text.clone();
+        if let Some(job) = &mut self.job {
+            job.manual_lines.send(&text, &mut self.output);
+        } else {
+            self.output.extend(text.as_bytes());
+            self.output.push(b'\n');
+            self.sender.send(text.clone().into_bytes());
+        }
+        self.note(Event::Line {
+            is_sent: true,
+            text,
+        });
+        self.in_flight.push_back(asked);
+    }
+
+    /// A setting of each axis, as far as it is known.
+    fn settings_of_axes(&self, first: u16) -> Vec<Option<f64>> {
+        let numbers = (first..).take(LETTERS.len());
+        numbers
+            .map(|number| self.settings.get(&number).copied())
+            .collect()
+    }
+
+    /// Takes a setting that the machine has, of a line of either side.
+    fn take_setting(&mut self, line: &str) {
+        if let Line::Setting(number, value) = Line::read(line) {
+            let value = value.parse().ok();
+            self.settings.extend(value.map(|value| (number, value)));
+        }
+    }
+
+    fn send_jogs(&mut self) {
+        let Some(position) = self.status.machine_position() else {
+            return;
+        };
+        let accelerations = self.settings_of_axes(ACCELERATION);
+        let of = Origin::Jog(self.jogs);
+        while let Some(jog) = &mut self.jog
+            && let Some(text) = jog.next(&position, &accelerations)
+        {
+            self.send_line(Asked {
+                of,
+                text,
+                lines: Vec::new(),
+            });
+        }
+    }
+
+    fn receive_line(&mut self, text: &str) {
+        self.note(Event::Line {
+            is_sent: false,
+            text: text.into(),
+        });
+        let line = Line::read(text);
+        match &line {
+            Line::Report(report) => {
+                self.status.take(report.clone());
+                if self.status.report.state_name() != "Alarm" {
+                    self.state.alarm = None;
+                }
+            }
+            Line::Alarm(number) => {
+                let text = meaning::alarm_with_remedy(number, None).unwrap_or_default();
+                self.state.alarm = Some(((*number).into(), text));
+            }
+            Line::Setting(..) => self.take_setting(text),
+            Line::Answer("GC", words) => {
+                self.state.modes = words.split(' ').map(str::to_owned).collect();
+            }
+            _ => {}
+        }
+        if self.job.is_some() {
+            self.receive_of_job(text);
+        } else if line == Line::Welcome {
+            self.forget();
+            self.are_modes_old = true;
+        } else {
+            self.receive_of_operator(text);
+        }
+    }
+
+    fn receive_of_operator(&mut self, text: &str) {
+        match self.sender.receive(text) {
+            Received::Answer(answered) => self.answered(answered.response),
+            Received::Message => self.keep(text),
+            Received::Surplus(_) => {}
+        }
+    }
+
+    fn receive_of_job(&mut self, text: &str) {
+        let Some(job) = &mut self.job else { return };
+        let response = Response::parse(text).filter(|_| job.manual_lines.awaits_answer());
+        job.receive(text);
+        match response {
+            Some(response) => self.answered(response),
+            None => self.keep(text),
+        }
+    }
+
+    /// Keeps what comes before an answer.
+    fn keep(&mut self, text: &str) {
+        if !text.starts_with('<')
+            && let Some(asked) = self.in_flight.front_mut()
+        {
+            asked.lines.push(text.into());
+        }
+    }
+
+    /// The oldest line is answered.
+    fn answered(&mut self, response: Response) {
+        let Some(asked) = self.in_flight.pop_front() else {
+            return;
+        };
+        // A jog that has ended has nobody who waits for its answer.
+        if asked.of == Origin::Jog(self.jogs)
+            && let Some(jog) = &mut self.jog
+        {
+            jog.answer(response == BEYOND_TRAVEL);
+        }
+        self.are_modes_old |= !asked.text.starts_with('$');
+        if response == Response::Ok {
+            self.take_setting(&asked.text);
+        }
+        self.answer(asked, &response.to_string());
+    }
+
+    fn answer(&mut self, asked: Asked, response: &str) {
+        let Asked { of, text, lines } = asked;
+        match of {
+            Origin::Page(number) => {
+                let response = response.into();
+                self.note(Event::Answer {
+                    number,
+                    lines,
+                    response,
+                });
+            }
+            Origin::Own if response.starts_with("error") => {
+                self.note(Event::Note {
+                    text: format!("{text}: {response}"),
+                });
+            }
+            Origin::Own | Origin::Jog(_) => {}
+        }
+    }
+
+    /// Tells what has changed.
+    fn show(&mut self) {
+        let before = self.state.clone();
+        self.show_job();
+        let (report, status) = (&self.status.report, &self.status);
+        self.state.state.clone_from(&report.state);
+        self.state.machine = status.machine_position().unwrap_or_default();
+        self.state.work = status.work_position().unwrap_or_default();
+        self.state.feed = report.feed().unwrap_or_default();
+        self.state.spindle = report.spindle_speed().unwrap_or_default();
+        self.state.overrides = status.overrides;
+        self.state.pins = report.pins().into();
+        self.state.room = report.room().map(|room| (room.blocks, room.bytes));
+        if let Some(accessories) = report.accessories() {
+            self.state.accessories = accessories.into();
+        }
+        if self.state != before {
+            let state = Box::new(self.state.clone());
+            self.events.push(Event::State(state));
+        }
+    }
+
+    fn show_job(&mut self) {
+        let Some(job) = &mut self.job else { return };
+        for text in job.take_notes() {
+            self.events.push(Event::Note { text });
+        }
+        let outcome = match &job.phase {
+            Phase::Running => String::new(),
+            Phase::Stopping(reason) | Phase::Resetting(reason) | Phase::Failed(reason) => {
+                reason.clone()
+            }
+            Phase::Done => "done".into(),
+        };
+        let is_running = !matches!(job.phase, Phase::Done | Phase::Failed(_));
+        self.state.job = Some(JobState {
+            name: self.program.name.clone(),
+            lines: self.program.lines.len(),
+            answered: job.answered(),
+            executed: job.undone,
+            is_running,
+            outcome,
+        });
+        if !is_running {
+            self.job = None;
+            self.forget();
+            self.are_modes_old = true;
+        }
+    }
+}
