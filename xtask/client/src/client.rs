@@ -3,7 +3,9 @@
 //!
 //! Pure: the caller owns line, clock and screen. It calls [`tick`](Client::tick) some 50 times a second.
 
+mod cycle;
 mod jog;
+mod probing;
 mod protocol;
 
 use std::{
@@ -11,6 +13,7 @@ use std::{
     mem,
 };
 
+pub use probing::{Probing, Target};
 pub use protocol::{Command, Event, JobState, State};
 
 use leadscrew::axis::LETTERS;
@@ -20,6 +23,7 @@ use crate::{
     sender::Received,
     transmission::{Key, Phase},
 };
+use cycle::ProbingCycle;
 use jog::Jog;
 
 /// How long a [`Command::Move`] counts, ms.
@@ -40,12 +44,14 @@ const BEYOND_TRAVEL: Response = Response::Error(15);
 /// Whose a line is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Origin {
-    /// The page's, with the number of its command.
-    Page(u32),
-    /// The client's own.
+    /// The page's, with the number of its command if it has one.
+    Page(Option<u32>),
+    /// A question of the client's own.
     Own,
     /// Of the jog with a number.
     Jog(u32),
+    /// Of the probing cycle.
+    Cycle,
 }
 
 /// A line of the operator.
@@ -78,8 +84,12 @@ pub struct Client {
     jog: Option<Jog>,
     /// The number of the newest jog.
     jogs: u32,
+    cycle: Option<ProbingCycle>,
+    /// A cycle is being stopped: when the machine is held, it is reset.
+    is_stopping: bool,
     program: Program,
     job: Option<Transmission>,
+    is_start_asked: bool,
     state: State,
     /// `$G` may have another answer.
     are_modes_old: bool,
@@ -94,14 +104,24 @@ impl Client {
     /// Takes what the operator asks for, at a time in ms.
     pub fn command(&mut self, command: Command, now_ms: u64) {
         match command {
-            Command::Line { number, text } => self.ask(Origin::Page(number), text),
+            Command::Line { .. } | Command::Step { .. } if self.cycle.is_some() => {
+                let text = "a probing cycle is under way: no other line is sent".into();
+                self.note(Event::Note { text });
+            }
+            Command::Line { number, text } => self.ask(Origin::Page(Some(number)), text),
             Command::Realtime { byte } => self.realtime(byte),
-            Command::Step { by, feed } => self.ask(Origin::Own, jog::line(&by, feed)),
+            Command::Step { by, feed } => self.ask(Origin::Page(None), jog::line(&by, feed)),
             Command::Move { along, feed } => self.hold(along, feed, now_ms),
             Command::Halt => self.halt(),
             Command::Program { name, text } => self.take_program(name, &text),
             Command::Start => self.start(),
+            Command::Stop if self.cycle.is_some() => {
+                self.end_cycle("the probing cycle was stopped");
+                self.is_stopping = true;
+                self.output.push(realtime::HOLD);
+            }
             Command::Stop => self.key(Key::Stop),
+            Command::Probe { probing } => self.probe(probing),
             Command::TakeLines => self.key(Key::ManualLines),
         }
     }
@@ -139,6 +159,8 @@ impl Client {
         self.state.is_there = self
             .received_ms
             .is_some_and(|received_ms| now_ms < received_ms + GONE_MS);
+        self.begin_job();
+        self.probe_on();
         self.send();
         self.show();
     }
@@ -183,7 +205,9 @@ impl Client {
 
     /// Drops what will not be answered.
     fn forget(&mut self) {
+        self.is_start_asked = false;
         self.jog = None;
+        self.end_cycle("the machine was reset, and the probing cycle has ended");
         self.sender = Sender::default();
         for asked in mem::take(&mut self.in_flight)
             .into_iter()
@@ -245,20 +269,42 @@ impl Client {
 
     /// Begins the job, where nothing else is under way.
     fn start(&mut self) {
-        let is_idle = self.status.report.state_name() == "Idle" && self.is_silent();
-        if !is_idle || self.job.is_some() || self.program.lines.is_empty() {
+        if !self.is_free() || self.program.lines.is_empty() {
             let text = "the job begins at rest alone: the machine has to be idle".into();
             self.note(Event::Note { text });
             return;
         }
+        self.is_start_asked = true;
+    }
+
+    /// Sends the job, once nothing else will be answered.
+    fn begin_job(&mut self) {
+        if !self.is_start_asked || !self.is_answered() {
+            return;
+        }
+        self.is_start_asked = false;
         let mut job = Transmission::new(&[], &self.program.lines, 0, false);
         job.status.clone_from(&self.status);
         self.job = Some(job);
     }
 
-    /// Whether nothing was sent that is not answered.
+    /// Whether the machine is idle, and nothing is under way but questions of the client's own.
+    fn is_free(&self) -> bool {
+        let mut lines = self.waiting.iter().chain(&self.in_flight);
+        let is_busy = self.jog.is_some() || self.cycle.is_some() || self.job.is_some();
+        let is_asked = self.is_start_asked || lines.any(|asked| asked.of != Origin::Own);
+        self.status.report.state_name() == "Idle" && !is_busy && !is_asked
+    }
+
+    /// Whether nothing was sent that is not answered, and nothing is under way.
     fn is_silent(&self) -> bool {
-        self.sender.is_done() && self.waiting.is_empty() && self.jog.is_none()
+        let is_busy = self.jog.is_some() || self.cycle.is_some();
+        self.is_answered() && !is_busy
+    }
+
+    /// Whether every line is sent and answered.
+    fn is_answered(&self) -> bool {
+        self.sender.is_done() && self.waiting.is_empty()
     }
 
     /// A key is held.
@@ -268,7 +314,8 @@ impl Client {
             return;
         }
         self.halt();
-        let may_jog = matches!(self.status.report.state_name(), "Idle" | "Jog" | "Tool");
+        let may_jog = self.cycle.is_none()
+            && matches!(self.status.report.state_name(), "Idle" | "Jog" | "Tool");
         let start = self.status.machine_position();
         if let Some(start) = start.filter(|_| may_jog && feed > 0.0) {
             self.jogs += 1;
@@ -384,6 +431,13 @@ impl Client {
         match &line {
             Line::Report(report) => {
                 self.status.take(report.clone());
+                if let Some(cycle) = &mut self.cycle {
+                    cycle.reports += 1;
+                }
+                if self.is_stopping && report.is_at_rest() {
+                    self.is_stopping = false;
+                    self.output.push(realtime::RESET);
+                }
                 if self.status.report.state_name() != "Alarm" {
                     self.state.alarm = None;
                 }
@@ -456,7 +510,7 @@ impl Client {
     fn answer(&mut self, asked: Asked, response: &str) {
         let Asked { of, text, lines } = asked;
         match of {
-            Origin::Page(number) => {
+            Origin::Page(Some(number)) => {
                 let response = response.into();
                 self.note(Event::Answer {
                     number,
@@ -464,12 +518,13 @@ impl Client {
                     response,
                 });
             }
-            Origin::Own if response.starts_with("error") => {
+            Origin::Own | Origin::Page(None) if response.starts_with("error") => {
                 self.note(Event::Note {
                     text: format!("{text}: {response}"),
                 });
             }
-            Origin::Own | Origin::Jog(_) => {}
+            Origin::Cycle => self.take_contact(&lines, response),
+            Origin::Own | Origin::Page(None) | Origin::Jog(_) => {}
         }
     }
 
@@ -485,6 +540,7 @@ impl Client {
         self.state.spindle = report.spindle_speed().unwrap_or_default();
         self.state.overrides = status.overrides;
         self.state.pins = report.pins().into();
+        self.state.is_probing = self.cycle.is_some();
         self.state.room = report.room().map(|room| (room.blocks, room.bytes));
         if let Some(accessories) = report.accessories() {
             self.state.accessories = accessories.into();

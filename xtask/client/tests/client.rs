@@ -1,128 +1,30 @@
 //! A client and the virtual machine: what an operator does at a page.
 
+mod desk;
+
+use desk::{Desk, TICK_MS};
 use grbl_client::{
-    Client,
     client::{Command, Event, HELD_MS, JobState},
     realtime,
 };
-use leadscrew::{
-    settings::{Settings, StepRate},
-    sim::Simulator,
-};
-use simulation::{SwitchPositions, machine::Machine};
 
-/// How often the client goes on, ms.
-const TICK_MS: u64 = 20;
-
-/// A machine, a client, and what the client has told.
-struct Desk {
-    machine: Machine,
-    client: Client,
-    now_ms: u64,
-    events: Vec<Event>,
+fn x_mm(desk: &Desk) -> f64 {
+    desk.place_mm()[0]
 }
 
-impl Desk {
-    /// A machine amid switches that has been unlocked, with a client that knows it.
-    fn new(settings: &[&str]) -> Self {
-        let defaults = Settings {
-            step_rate: StepRate::Proven(200_000),
-            ..Settings::default()
-        };
-        let mut simulator = Simulator::new(&defaults);
-        SwitchPositions::of(&defaults).mount_on(&mut simulator);
-        let mut desk = Self {
-            machine: Machine::amid(simulator, Vec::new()),
-            client: Client::default(),
-            now_ms: 0,
-            events: Vec::new(),
-        };
-        desk.run(500);
-        for line in ["$X"].iter().chain(settings) {
-            assert_eq!(desk.ask(line).1, "ok", "{line}");
-        }
-        desk
-    }
+fn job(desk: &Desk) -> JobState {
+    desk.client.state().job.clone().unwrap_or_default()
+}
 
-    /// Runs for a time, with the client.
-    fn run(&mut self, ms: u64) {
-        let end = self.now_ms + ms;
-        while self.now_ms < end {
-            self.client.tick(self.now_ms);
-            self.exchange();
-        }
-    }
-
-    /// The line for one tick.
-    fn exchange(&mut self) {
-        self.machine.send(&self.client.take_output());
-        self.now_ms += TICK_MS;
-        self.machine
-            .run_until_s(self.now_ms as f64 / 1000.0, &mut |_| {});
-        let bytes: Vec<_> = { self.machine.take_bytes().into_iter() }
-            .map(|(_, byte)| byte)
-            .collect();
-        self.client.receive(&bytes, self.now_ms);
-        self.events.extend(self.client.take_events());
-    }
-
-    fn command(&mut self, command: Command) {
-        self.client.command(command, self.now_ms);
-    }
-
-    /// Sends a line, and returns what is answered.
-    fn ask(&mut self, text: &str) -> (Vec<String>, String) {
-        self.events.clear();
-        self.command(Command::Line {
-            number: 7,
-            text: text.into(),
+/// Holds the key of X.
+fn hold_x(desk: &mut Desk, feed: f64, ms: u64) {
+    let end = desk.now_ms + ms;
+    while desk.now_ms < end {
+        desk.command(Command::Move {
+            along: vec![1, 0, 0],
+            feed,
         });
-        for _ in 0..200 {
-            self.run(TICK_MS);
-            let mut events = self.events.iter();
-            let answer = events.find_map(|event| match event {
-                Event::Answer {
-                    number: 7,
-                    lines,
-                    response,
-                } => Some((lines.clone(), response.clone())),
-                _ => None,
-            });
-            if let Some(answer) = answer {
-                return answer;
-            }
-        }
-        panic!("{text} is not answered")
-    }
-
-    /// Runs until the machine has reported a state, at most a minute.
-    fn await_state(&mut self, state: &str) {
-        for _ in 0..3000 {
-            self.run(TICK_MS);
-            if self.client.state().state == state {
-                return;
-            }
-        }
-        panic!("{:?} is not {state}", self.client.state());
-    }
-
-    fn x_mm(&self) -> f64 {
-        f64::from(self.machine.simulator().physical_position()[0]) / 250.0
-    }
-
-    fn hold_x(&mut self, feed: f64, ms: u64) {
-        let end = self.now_ms + ms;
-        while self.now_ms < end {
-            self.command(Command::Move {
-                along: vec![1, 0, 0],
-                feed,
-            });
-            self.run(TICK_MS * 4);
-        }
-    }
-
-    fn job(&self) -> JobState {
-        self.client.state().job.clone().unwrap_or_default()
+        desk.run(TICK_MS * 4);
     }
 }
 
@@ -143,36 +45,36 @@ fn lines_have_their_own_answers_and_modes_follow() {
     });
     desk.run(500);
     assert_eq!(desk.client.state().state, "Idle");
-    assert!(desk.x_mm().abs() < 1e-9);
+    assert!(x_mm(&desk).abs() < 1e-9);
 }
 
 #[test]
 fn a_key_that_is_held_jogs_and_one_that_nobody_holds_stops() {
     let mut desk = Desk::new(&["$110=3000", "$120=500"]);
-    desk.hold_x(3000.0, 1000);
-    let held_mm = desk.x_mm();
+    hold_x(&mut desk, 3000.0, 1000);
+    let held_mm = x_mm(&desk);
     // 50 mm/s, less what acceleration and the line take.
     assert!(held_mm > 35.0, "{held_mm}");
     desk.command(Command::Halt);
     desk.run(TICK_MS);
-    let at_release_mm = desk.x_mm();
+    let at_release_mm = x_mm(&desk);
     desk.await_state("Idle");
-    let more_mm = desk.x_mm() - at_release_mm;
+    let more_mm = x_mm(&desk) - at_release_mm;
     assert!(more_mm < 4.0, "{more_mm}");
 
     // The page is gone, and nothing says so.
-    desk.hold_x(3000.0, 600);
+    hold_x(&mut desk, 3000.0, 600);
     desk.run(HELD_MS + 300);
-    let at_mm = desk.x_mm();
+    let at_mm = x_mm(&desk);
     desk.run(1000);
-    assert!((desk.x_mm() - at_mm).abs() < 1e-9);
+    assert!((x_mm(&desk) - at_mm).abs() < 1e-9);
     assert_eq!(desk.client.state().state, "Idle");
 }
 
 #[test]
 fn a_client_that_dies_leaves_a_quarter_of_a_second_of_motion() {
     let mut desk = Desk::new(&["$110=3000", "$120=500"]);
-    desk.hold_x(3000.0, 800);
+    hold_x(&mut desk, 3000.0, 800);
     assert_eq!(desk.client.state().state, "Jog");
     // Nothing cancels what waits in the machine.
     let dead_s = desk.now_ms as f64 / 1000.0;
@@ -221,7 +123,7 @@ fn a_job_is_sent_held_and_ended() {
         text,
     });
     desk.run(TICK_MS);
-    assert!(!desk.job().is_running && desk.job().lines == 4);
+    assert!(!job(&desk).is_running && job(&desk).lines == 4);
     desk.command(Command::Start);
     desk.await_state("Run");
     // Lines beside a job's would be taken for its own.
@@ -243,20 +145,20 @@ fn a_job_is_sent_held_and_ended() {
     desk.await_state("Run");
     desk.await_state("Idle");
     desk.run(1000);
-    assert_eq!(desk.job().outcome, "done");
-    assert_eq!(desk.job().answered, 4);
-    assert!(desk.x_mm().abs() < 1e-9 || (desk.x_mm() - 5.0).abs() < 1e-9);
+    assert_eq!(job(&desk).outcome, "done");
+    assert_eq!(job(&desk).answered, 4);
+    assert!(x_mm(&desk).abs() < 1e-9 || (x_mm(&desk) - 5.0).abs() < 1e-9);
 
     desk.command(Command::Start);
     desk.await_state("Run");
     desk.command(Command::Stop);
     desk.run(3000);
     assert!(
-        desk.job()
+        job(&desk)
             .outcome
             .contains("the operator has stopped the job")
     );
-    assert!(!desk.job().is_running);
+    assert!(!job(&desk).is_running);
 }
 
 #[test]
@@ -269,7 +171,7 @@ fn a_lost_line_ends_the_job_and_answers_nothing() {
     desk.command(Command::Start);
     desk.await_state("Run");
     desk.client.lose_line();
-    assert_eq!(desk.job().outcome, "the line to the machine was lost");
+    assert_eq!(job(&desk).outcome, "the line to the machine was lost");
     assert!(desk.client.take_output().is_empty());
     desk.client.tick(desk.now_ms);
     assert!(!desk.client.state().is_there);

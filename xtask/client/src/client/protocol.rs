@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Probing;
+
 /// What the operator asks for.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "do", rename_all = "kebab-case")]
@@ -43,10 +45,15 @@ pub enum Command {
     },
     /// Sends the program.
     Start,
-    /// Ends the job: a hold, and a reset at rest.
+    /// Ends a job or a probing cycle: a hold, and a reset at rest.
     Stop,
     /// Has the machine take lines in a change of the tool.
     TakeLines,
+    /// Begins a probing cycle.
+    Probe {
+        /// What, and how.
+        probing: Probing,
+    },
 }
 
 /// What a page is shown.
@@ -105,6 +112,8 @@ pub struct State {
     pub modes: Vec<String>,
     /// The number of the alarm, and what it means.
     pub alarm: Option<(String, String)>,
+    /// A probing cycle is under way.
+    pub is_probing: bool,
     /// The program, and how far the job is.
     pub job: Option<JobState>,
 }

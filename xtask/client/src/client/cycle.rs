@@ -1,0 +1,155 @@
+//! The client's part in a probing cycle: one line after the other, each from rest.
+
+use super::{
+    Client, Event, Origin,
+    probing::{Cycle, Next, Probing},
+};
+use crate::{Line, numbers};
+
+/// Reports after the last answer, of which the second one is of a machine that has come to rest.
+const REPORTS: u32 = 2;
+
+/// A cycle, and the client's part in it.
+#[derive(Debug)]
+pub(super) struct ProbingCycle {
+    cycle: Cycle,
+    /// What has come of the last line.
+    contact: Option<(Vec<f64>, bool)>,
+    /// Reports since.
+    pub(super) reports: u32,
+    /// The words that were in force before, once they are known.
+    modes: Option<String>,
+}
+
+impl Client {
+    /// Begins a cycle, where the machine is idle and the probe open.
+    pub(super) fn probe(&mut self, probing: Probing) {
+        let report = &self.status.report;
+        let fault = if !self.is_free() {
+            Some("a probing cycle begins at rest alone: the machine has to be idle".into())
+        } else if report.pins().contains('P') {
+            Some(
+                "the probe is closed already: move it off the contact, or look at its wires".into(),
+            )
+        } else {
+            probing.fault()
+        };
+        match (fault, self.position_mm()) {
+            (None, Some(start)) => {
+                self.cycle = Some(ProbingCycle {
+                    cycle: Cycle::new(probing, start),
+                    contact: None,
+                    reports: REPORTS,
+                    modes: None,
+                });
+                self.ask(Origin::Own, "$G".into());
+            }
+            (fault, _) => self.note(Event::Note {
+                text: fault.unwrap_or_else(|| "the machine has not told its position".into()),
+            }),
+        }
+    }
+
+    /// Goes on with the cycle, where the machine has come to rest.
+    pub(super) fn probe_on(&mut self) {
+        let is_idle = self.status.report.state_name() == "Idle";
+        let is_alarm = self.status.report.state_name() == "Alarm";
+        if self.cycle.is_some() && is_alarm {
+            self.end_cycle("the machine is in alarm, and the probing cycle has ended");
+        }
+        if !is_idle || !self.is_answered() {
+            return;
+        }
+        let Some(at) = self.position_mm() else { return };
+        let scale = self.mm_per_unit();
+        let Some(cycle) = self.cycle.as_mut().filter(|cycle| cycle.reports >= REPORTS) else {
+            return;
+        };
+        cycle.reports = 0;
+        let contact = cycle.contact.take();
+        let next = cycle.cycle.next(&at, contact);
+        let modes = cycle
+            .modes
+            .get_or_insert_with(|| restored(&self.state.modes, scale));
+        let modes = modes.clone();
+        match next {
+            Next::Line(line) => self.ask(Origin::Cycle, line),
+            Next::Done(line, text) => {
+                self.end_cycle(&text);
+                self.ask(Origin::Page(None), line);
+                self.ask(Origin::Page(None), modes);
+            }
+            Next::Failed(text) => {
+                self.end_cycle(&text);
+                self.ask(Origin::Page(None), modes);
+            }
+        }
+    }
+
+    pub(super) fn end_cycle(&mut self, text: &str) {
+        if self.cycle.take().is_some() {
+            self.note(Event::Note { text: text.into() });
+        }
+    }
+
+    /// Takes what a line of the cycle was answered.
+    pub(super) fn take_contact(&mut self, lines: &[String], response: &str) {
+        let scale = self.mm_per_unit();
+        let Some(cycle) = &mut self.cycle else { return };
+        cycle.reports = 0;
+        cycle.contact = lines.iter().rev().find_map(|line| contact(line, scale));
+        if response != "ok" {
+            let modes = cycle.modes.clone().unwrap_or_default();
+            self.end_cycle(&format!(
+                "the machine refuses a line of the cycle: {response}"
+            ));
+            self.ask(Origin::Page(None), modes);
+        }
+    }
+
+    /// What a unit of reports is, mm: `$13` has it.
+    fn mm_per_unit(&self) -> f64 {
+        let is_in_inches = self.settings.get(&REPORTS_INCHES) == Some(&1.0);
+        if is_in_inches { MM_PER_INCH } else { 1.0 }
+    }
+
+    fn position_mm(&self) -> Option<Vec<f64>> {
+        let position = self.status.machine_position()?;
+        let scale = self.mm_per_unit();
+        Some(position.iter().map(|value| value * scale).collect())
+    }
+}
+
+const MM_PER_INCH: f64 = 25.4;
+/// The setting of reports in inches.
+const REPORTS_INCHES: u16 = 13;
+
+/// Reads `[PRB:1.000,2.000,3.000:1]`: the place of the contact in mm, and whether there was one.
+fn contact(line: &str, scale: f64) -> Option<(Vec<f64>, bool)> {
+    let Line::Answer("PRB", text) = Line::read(line) else {
+        return None;
+    };
+    let (place, is_touched) = text.split_once(':')?;
+    let place = numbers(place)?.iter().map(|value| value * scale).collect();
+    Some((place, is_touched == "1"))
+}
+
+/// The line that makes of the words of a cycle those before: a motion that needs no more words, units, distances,
+/// and the feed, which `$G` reports in the unit of reports.
+fn restored(modes: &[String], mm_per_unit: f64) -> String {
+    let has = |word: &str| modes.iter().any(|mode| mode == word);
+    let word = |known: &str, usual: &str| if has(known) { known } else { usual }.to_owned();
+    let feed = modes
+        .iter()
+        .find_map(|word| word.strip_prefix('F')?.parse::<f64>().ok());
+    let unit_mm = if has("G20") { MM_PER_INCH } else { 1.0 };
+    let feed = feed.filter(|feed| *feed > 0.0 && !has("G93"));
+    let feed = feed.map(|feed| format!("F{:.3}", feed * mm_per_unit / unit_mm));
+    [
+        word("G1", "G0"),
+        word("G20", "G21"),
+        word("G91", "G90"),
+        feed.unwrap_or_default(),
+    ]
+    .concat()
+}

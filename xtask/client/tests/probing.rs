@@ -1,0 +1,267 @@
+//! Probing cycles at a virtual machine with a workpiece: what they find, and what ends them.
+
+mod desk;
+
+use desk::Desk;
+use grbl_client::client::{Command, Event, Probing, Target};
+
+/// The workpiece is a block, seen from where the tool is at power-up: its sides, its top, and a hole through it, mm.
+const SIDES: [[f64; 2]; 2] = [[-3.012, 40.0], [-4.12, 30.0]];
+const TOP: f64 = -5.3;
+const HOLE: [f64; 3] = [20.208, 12.304, 8.0];
+/// The radius of the tool.
+const RADIUS: f64 = 1.5;
+
+/// Whether a tool that is a cylinder touches the block.
+fn touches([x, y, z]: [f64; 3]) -> bool {
+    if z > TOP {
+        return false;
+    }
+    let is_within = [x, y]
+        .iter()
+        .zip(SIDES)
+        .all(|(at, [low, high])| (low - RADIUS..=high + RADIUS).contains(at));
+    let [hole_x, hole_y, radius] = HOLE;
+    // As a box: cycles touch along the axes.
+    let is_in_hole = (x - hole_x).abs() < radius - RADIUS && (y - hole_y).abs() < radius - RADIUS;
+    is_within && !is_in_hole
+}
+
+fn probing(target: Target) -> Probing {
+    Probing {
+        target,
+        diameter: 2.0 * RADIUS,
+        plate: 0.0,
+        search: 15.0,
+        retract: 1.0,
+        beside: 10.0,
+        depth: 7.0,
+        feed: 200.0,
+    }
+}
+
+/// A machine that is fast enough, with the block.
+fn desk() -> Desk {
+    let mut desk = Desk::new(&["$110=2000", "$111=2000", "$112=2000"]);
+    desk.touches = Some(touches);
+    desk
+}
+
+/// Moves the tool to a place from where it was switched on.
+fn go(desk: &mut Desk, [x, y, z]: [f64; 3]) {
+    desk.ask(&format!("G21G90G53G0Z{z}"));
+    desk.ask(&format!("G53G0X{x}Y{y}"));
+    desk.run(500);
+    desk.await_state("Idle");
+}
+
+/// The last note.
+fn note(desk: &Desk) -> String {
+    let mut notes = desk.events.iter().rev();
+    let note = notes.find_map(|event| match event {
+        Event::Note { text } => Some(text.clone()),
+        _ => None,
+    });
+    note.unwrap_or_default()
+}
+
+/// Begins a cycle, and runs to its end.
+fn probe(desk: &mut Desk, probing: Probing) -> String {
+    desk.command(Command::Probe { probing });
+    desk.run(100);
+    while desk.client.state().is_probing {
+        desk.run(100);
+    }
+    desk.run(500);
+    note(desk)
+}
+
+/// The work zero of axes is at places, to a step.
+fn check(desk: &Desk, zero: [Option<f64>; 3]) {
+    let state = desk.client.state();
+    for (axis, zero) in zero.into_iter().enumerate() {
+        let found = state.machine[axis] - state.work[axis];
+        let zero = zero.unwrap_or_default();
+        assert!(
+            (found - zero).abs() < 0.0051,
+            "{axis}: {found}, not {zero}, {state:?}"
+        );
+    }
+}
+
+#[test]
+fn the_top_is_found_below_a_plate_and_modes_are_as_before() {
+    let mut desk = desk();
+    desk.ask("G20G91G1F7");
+    let note = probe(
+        &mut desk,
+        Probing {
+            plate: 1.2,
+            ..probing(Target::Top)
+        },
+    );
+    assert!(note.starts_with("zero at machine Z-6.5"), "{note}");
+    check(&desk, [None, None, Some(TOP - 1.2)]);
+    let modes = &desk.client.state().modes;
+    for word in ["G20", "G91", "G1", "F178"] {
+        assert!(modes.contains(&word.to_owned()), "{word} {modes:?}");
+    }
+    let back = desk.place_mm()[2] - TOP;
+    assert!((back - 1.0).abs() < 0.05, "{back}");
+}
+
+#[test]
+fn a_corner_is_found_from_above() {
+    for with_top in [true, false] {
+        let mut desk = desk();
+        let target = Target::CornerOutside {
+            side: [1, 1],
+            with_top,
+        };
+        let note = probe(&mut desk, probing(target));
+        assert!(note.starts_with("zero at machine"), "{note}");
+        check(
+            &desk,
+            [
+                Some(SIDES[0][0]),
+                Some(SIDES[1][0]),
+                with_top.then_some(TOP),
+            ],
+        );
+    }
+}
+
+#[test]
+fn centres_are_found_from_within_and_from_above() {
+    let mut desk = desk();
+    go(&mut desk, [18.0, 14.0, 0.0]);
+    go(&mut desk, [18.0, 14.0, -7.0]);
+    let note = probe(&mut desk, probing(Target::Hole));
+    assert!(
+        note.contains("X 16.00") && note.contains("Y 16.00"),
+        "{note}"
+    );
+    check(&desk, [Some(HOLE[0]), Some(HOLE[1]), None]);
+    let at = desk.place_mm();
+    assert!(
+        (at[0] - HOLE[0]).abs() < 0.01,
+        "it stands in the middle: {at:?}"
+    );
+
+    let mut desk = self::desk();
+    go(&mut desk, [17.0, 14.0, 0.0]);
+    let note = probe(
+        &mut desk,
+        Probing {
+            beside: 28.0,
+            ..probing(Target::Boss)
+        },
+    );
+    let middle = |axis: usize| f64::midpoint(SIDES[axis][0], SIDES[axis][1]);
+    assert!(note.starts_with("X 43.01"), "{note}");
+    check(&desk, [Some(middle(0)), Some(middle(1)), None]);
+}
+
+#[test]
+fn a_corner_is_found_from_within() {
+    let mut desk = desk();
+    go(&mut desk, [18.0, 14.0, 0.0]);
+    go(&mut desk, [18.0, 14.0, -7.0]);
+    probe(&mut desk, probing(Target::CornerInside { side: [-1, 1] }));
+    let [x, y, radius] = HOLE;
+    check(&desk, [Some(x - radius), Some(y + radius), None]);
+}
+
+#[test]
+fn a_tool_is_measured_against_the_reference() {
+    let mut desk = desk();
+    let note = probe(
+        &mut desk,
+        probing(Target::ToolLength { reference_mm: None }),
+    );
+    assert!(
+        note.starts_with("reference tool: contact at machine Z -5.30"),
+        "{note}"
+    );
+    go(&mut desk, [0.0, 0.0, 0.0]);
+    let target = Target::ToolLength {
+        reference_mm: Some(TOP - 2.0),
+    };
+    let note = probe(&mut desk, probing(target));
+    assert!(note.starts_with("tool length 2.00"), "{note}");
+    assert!(
+        desk.ask("$#")
+            .0
+            .iter()
+            .any(|line| line.starts_with("[TLO:2.00"))
+    );
+}
+
+#[test]
+fn what_is_not_as_it_should_be_ends_a_cycle_or_does_not_begin_it() {
+    let mut desk = desk();
+    let short = Probing {
+        search: 3.0,
+        ..probing(Target::Top)
+    };
+    let note = probe(&mut desk, short);
+    assert!(note.starts_with("no contact in Z"), "{note}");
+    assert!(desk.client.state().alarm.is_none());
+    assert!(desk.client.state().modes.contains(&"G90".to_owned()));
+    // Too near beside the block: the way down touches it.
+    go(&mut desk, [0.0, 0.0, 0.0]);
+    let near = Probing {
+        beside: 3.5,
+        ..probing(Target::CornerOutside {
+            side: [1, 1],
+            with_top: false,
+        })
+    };
+    let note = probe(&mut desk, near);
+    assert_eq!(note, "the probe has touched something on its way");
+    check(&desk, [None; 3]);
+    // It is on the block now.
+    let note = probe(&mut desk, probing(Target::Top));
+    assert!(note.starts_with("the probe is closed already"), "{note}");
+    desk.touches = None;
+    desk.machine.press(simulation::machine::Pin::Probe, false);
+    desk.run(300);
+    let note = probe(
+        &mut desk,
+        Probing {
+            feed: f64::NAN,
+            ..probing(Target::Top)
+        },
+    );
+    assert_eq!(note, "the feed is NaN, and at least 1 is needed");
+    desk.command(Command::Probe {
+        probing: probing(Target::Top),
+    });
+    desk.await_state("Run");
+    desk.command(Command::Stop);
+    desk.run(2000);
+    assert!(!desk.client.state().is_probing && desk.client.state().state == "Idle");
+    let is_told =
+        |event: &Event| matches!(event, Event::Note { text } if text.contains("was stopped"));
+    assert!(desk.events.iter().any(is_told));
+    desk.command(Command::Line {
+        number: 1,
+        text: "G1X5F100".into(),
+    });
+    desk.await_state("Run");
+    let note = probe(&mut desk, probing(Target::Top));
+    assert!(note.contains("has to be idle"), "{note}");
+}
+
+#[test]
+fn the_motion_is_known_before() {
+    let places = probing(Target::CornerOutside {
+        side: [1, -1],
+        with_top: false,
+    })
+    .places();
+    assert_eq!(places.first(), Some(&[0.0; 3]));
+    assert!(places.contains(&[5.0, 0.0, -7.0]), "{places:?}");
+    assert!(places.contains(&[0.0, 10.0, -7.0]), "{places:?}");
+    assert_eq!(places.last(), Some(&[0.0; 3]));
+}
