@@ -11,6 +11,7 @@
 #![forbid(unsafe_code)]
 
 pub mod answer;
+pub mod catalogue;
 #[cfg(feature = "serde")]
 pub mod client;
 mod line;
