@@ -103,9 +103,15 @@ impl<D: Device> RomBootloader<D> {
         Self { sleep, ..self }
     }
 
+    /// Brings the bootloader into the state in which it takes an image, whatever it was asked for before.
+    pub fn make_ready(&self) -> Result<()> {
+        let ready = self.idle();
+        ready.context("the chip's bootloader is not ready, and nothing was erased")
+    }
+
     /// Writes an image, and compares it with what is read back. `progress` is told bytes as they are done.
     pub fn write(&self, image: &Image, mut progress: impl FnMut(Step, usize)) -> Result<()> {
-        self.idle().context("the chip's bootloader is not ready")?;
+        self.make_ready()?;
         let blocks = self.blocks(image);
         for sector in &self.sectors {
             let has_bytes = |(start, bytes): &(u32, Vec<u8>)| {

@@ -31,6 +31,8 @@ fn run(options: &Flash) -> Result<ExitCode> {
     let loader = RomBootloader::new(usb::wait(&how)?, board)?;
     let file = chosen.file(&method)?;
     let image = Image::read_dfu(board, &file)?;
+    // What fails from here on leaves the board without a whole firmware.
+    loader.make_ready()?;
     ui::status("Writing", &file.display().to_string());
     let bar = progress(image.bytes());
     let mut message = "";
