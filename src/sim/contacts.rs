@@ -94,6 +94,11 @@ impl Contacts {
         switch.axis < AXES && self.switches.push(switch).is_ok()
     }
 
+    /// Takes away the switches of all axes.
+    pub(super) fn dismount(&mut self) {
+        self.switches.clear();
+    }
+
     /// Mounts a switch that the second motor of an axis closes. Returns false without room.
     pub(super) fn mount_second(&mut self, switch: Switch) -> bool {
         switch.axis < AXES && self.second_switches.push(switch).is_ok()

@@ -239,6 +239,12 @@ impl Drive {
         fits
     }
 
+    /// Takes away all switches that have been mounted by [`Self::mount`].
+    pub fn dismount(&mut self) {
+        self.contacts.dismount();
+        self.update_contacts();
+    }
+
     /// Mounts a switch that the second motor of an axis closes, in its steps. Returns false without room or such an
     /// axis.
     pub fn mount_second(&mut self, switch: Switch) -> bool {

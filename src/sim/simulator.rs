@@ -289,6 +289,11 @@ impl Simulator {
         self.drive.mount(switch)
     }
 
+    /// Takes away all switches that have been mounted by [`Simulator::mount`].
+    pub fn dismount(&mut self) {
+        self.drive.dismount();
+    }
+
     /// Mounts a switch that the second motor of an axis closes. Returns false without room or such an axis.
     pub fn mount_second(&mut self, switch: Switch) -> bool {
         self.drive.mount_second(switch)

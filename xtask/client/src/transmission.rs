@@ -108,6 +108,8 @@ pub struct Transmission {
     ignores_refusals: bool,
     /// The first line of the program that the machine may not have carried out, from 0.
     pub undone: usize,
+    /// Where the machine came to rest in a hold before it was reset: its position is that of the job.
+    pub stopped_at: Option<Vec<f64>>,
     /// The travel of each axis that has one.
     pub travel_mm: Vec<Option<[f64; 2]>>,
     /// The dwell at the end has been sent.
@@ -143,6 +145,7 @@ impl Transmission {
             has_operator: true,
             ignores_refusals,
             undone: first,
+            stopped_at: None,
             travel_mm: Vec::new(),
             is_last_sent: false,
             output: Vec::new(),
@@ -265,6 +268,11 @@ impl Transmission {
     fn update_phase(&mut self) {
         match &self.phase {
             Phase::Stopping(reason) if self.status.report.is_at_rest() => {
+                // What an approach passes, or a parked tool, is not the path of the job.
+                let is_in_job = self.approach == 0;
+                if is_in_job && self.status.report.state_name() == "Hold" {
+                    self.stopped_at = self.status.machine_position();
+                }
                 self.output.push(realtime::RESET);
                 self.phase = Phase::Resetting(reason.clone());
             }

@@ -344,6 +344,63 @@ fn ctrl_c_holds_and_a_second_one_ends_the_job_which_is_continued_only_with_a_yes
     );
 }
 
+/// A cut in line 13, which the simulator is to be held in, between quick ones.
+const LINE_13: &str = "\
+G21 G90 F900
+G0 Z2
+G0 X1 Y1
+G1 Z-1
+X4
+Y4
+X1
+Y1
+X4
+Y4
+X1
+M0
+X30 F400
+Y1 F900
+X1
+G0 Z2
+X0 Y0
+";
+
+#[test]
+fn a_job_that_is_stopped_in_line_13_is_continued_at_line_13_and_cuts_the_same() {
+    let folder = tempdir().unwrap();
+    let job = file(&folder, "job.nc", LINE_13);
+    let cut = |name: &str, stops: bool| {
+        let steps = path(&folder, name);
+        let (simulator, address) = Simulator::tcp(&["--trace", &steps], &SETTINGS);
+        let mut sending = Sending::start(&[&job, "--tcp", &address]);
+        sending.until("the machine waits");
+        sending.press("r");
+        if stops {
+            sending.until("Run ");
+            sending.interrupt();
+            sending.until("Hold:0  line 13 of 17");
+            sending.interrupt();
+            sending.fails();
+            sending = Sending::start(&[&job, "--tcp", &address, "--resume", "--confirmed"]);
+            // From above where the line begins.
+            sending.until("approach  G0 X1 Y4");
+        }
+        let log = sending.succeeds();
+        assert_eq!(log.contains("Continue at line 13"), stops, "{log}");
+        drop(simulator);
+        let steps = trace(&steps);
+        (MachinedPath::of(&steps, 0), steps.last().copied())
+    };
+    let (expected, expected_end) = cut("whole.csv", false);
+    let (done, end) = cut("stopped.csv", true);
+    assert_eq!(end, expected_end);
+    assert!(expected.len() > 1000);
+    assert_eq!(
+        (expected.beyond(&done), done.beyond(&expected)),
+        (Vec::new(), Vec::new())
+    );
+}
+
 /// The state of the simulator at an address, once nobody else has its line.
 fn state(address: &str) -> String {
     let since = Instant::now();

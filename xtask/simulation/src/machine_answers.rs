@@ -7,13 +7,12 @@ pub use grbl_client::MachineAnswers;
 use grbl_client::answer::step_rate;
 use leadscrew::{
     axis::{AXES, LETTERS},
-    model::{State, WorkCoordinates},
+    model::{Levels, State, WorkCoordinates},
     settings::Settings,
-    sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
+    sim::{Closes, Edge, Simulator, Stream, StreamEnd, Switch, Watcher},
 };
 
 use crate::{
-    machine::SwitchPositions,
     play, sender,
     settings::{Dump, combine},
 };
@@ -45,6 +44,22 @@ fn set_up(answers: &MachineAnswers) -> Vec<String> {
     let is_in_inches = settings(answers).report_inches;
     let unit = if is_in_inches { "G20" } else { "G21" };
     let mut lines = vec![format!("{unit} G90 G94")];
+    // By moves without `G53`, which ends before a switch, as long as all offsets are 0.
+    for reference in ["G28", "G30"] {
+        if let Some((values, _)) = answers
+            .parameter(reference)
+            .filter(|(values, _)| is_not_zero(values))
+        {
+            lines.push(format!("G0{}", words(values)));
+            lines.push(format!("{reference}.1"));
+        }
+    }
+    let position: Vec<_> = answers
+        .position
+        .iter()
+        .map(|value| format!("{value:.4}"))
+        .collect();
+    lines.push(format!("G0{}", words(&position.join(","))));
     for (number, system) in (1..).zip(WorkCoordinates::ALL) {
         if let Some((values, angle)) = answers.parameter(system.word()) {
             let angle = angle.map_or(String::new(), |angle| format!(" R{angle}"));
@@ -62,18 +77,6 @@ fn set_up(answers: &MachineAnswers) -> Vec<String> {
             ));
         }
     }
-    for reference in ["G28", "G30"] {
-        if let Some((values, _)) = answers.parameter(reference) {
-            lines.push(format!("G53 G0{}", words(values)));
-            lines.push(format!("{reference}.1"));
-        }
-    }
-    let position: Vec<_> = answers
-        .position
-        .iter()
-        .map(|value| format!("{value:.4}"))
-        .collect();
-    lines.push(format!("G53 G0{}", words(&position.join(","))));
     match answers.parameter("TLO") {
         Some((length, _)) if length.contains(',') => {
             lines.push(format!("G43.1{}", words(length)));
@@ -107,25 +110,26 @@ fn mode_words(answers: &MachineAnswers, is_wanted: impl Fn(char, f64) -> bool) -
     wanted.collect::<Vec<_>>().join(" ")
 }
 
-/// A virtual machine that stands as this one.
-pub fn simulator(answers: &MachineAnswers, needs_switches: bool) -> Result<Box<Simulator>> {
+/// A virtual machine that stands as this one, with all contacts open. It has limit switches if the job homes it: where
+/// the machine, once homed, has them.
+pub fn simulator(answers: &MachineAnswers, homes: bool) -> Result<Box<Simulator>> {
     ensure!(
         answers.position.len() == AXES,
         "the machine has {} axes, and this tool {AXES}: see --axes",
         answers.position.len()
     );
-    let settings = settings(answers);
-    let mut simulator = Box::new(Simulator::new(&settings));
-    simulator.settle();
-    if simulator.snapshot().state == State::Alarm {
-        play::ask(&mut simulator, b"$X\n");
+    let settings = Settings {
+        limit_invert: false,
+        probe_invert: false,
+        ..settings(answers)
+    };
+    let mut simulator = homed(&settings).unwrap_or_else(|| unlocked(&settings));
+    if !homes {
+        simulator.dismount();
     }
     let text = set_up(answers).join("\n") + "\n";
     let mut refusal = Refusal::default();
-    let mut stream =
-        Stream::new(&mut *simulator, text.bytes(), UNLIMITED_BAUD).with_statements_at_rest();
-    let end = stream.run(&mut refusal);
-    drop(stream);
+    let end = stream(&mut simulator, &text, &mut refusal);
     if let Some(line) = refusal.0 {
         let text = text.lines().nth(line as usize - 1).unwrap_or_default();
         bail!("the virtual machine refuses {text}");
@@ -134,16 +138,75 @@ pub fn simulator(answers: &MachineAnswers, needs_switches: bool) -> Result<Box<S
         end == StreamEnd::Complete && simulator.snapshot().state == State::Idle,
         "the virtual machine cannot be where the machine is"
     );
-    if needs_switches {
-        SwitchPositions::of(&settings).mount_on(&mut simulator);
-    }
     Ok(simulator)
 }
 
-/// Whether a line may search switches.
-pub fn searches(line: &[u8]) -> bool {
+fn stream(simulator: &mut Simulator, text: &str, watcher: &mut impl Watcher) -> StreamEnd {
+    Stream::new(simulator, text.bytes(), UNLIMITED_BAUD)
+        .with_statements_at_rest()
+        .run(watcher)
+}
+
+/// A virtual machine that is not homed.
+fn unlocked(settings: &Settings) -> Box<Simulator> {
+    let mut simulator = Box::new(Simulator::new(settings));
+    play::unlock(&mut simulator);
+    simulator
+}
+
+/// A virtual machine that has been homed from where homing ends; `None` where it cannot be.
+fn homed(settings: &Settings) -> Option<Box<Simulator>> {
+    if !settings.is_homing_on() {
+        return None;
+    }
+    let mut simulator = Box::new(Simulator::new(settings));
+    for axis in 0..AXES {
+        let scale = settings.steps_per_mm[axis].millionths() as f64 * 1e-6;
+        let steps = (f64::from(settings.homing_pull_off_mm) * scale).round() as i32;
+        let _ = simulator.mount(Switch {
+            axis,
+            closes: if settings.homes_downwards(axis) {
+                Closes::DownFrom(-steps)
+            } else {
+                Closes::From(steps)
+            },
+            input: Levels::limits(1 << axis),
+        });
+    }
+    let mut refusal = Refusal::default();
+    let end = stream(&mut simulator, "$H\n", &mut refusal);
+    let is_homed = end == StreamEnd::Complete && refusal.0.is_none();
+    (is_homed && simulator.snapshot().state == State::Idle).then_some(simulator)
+}
+
+/// Whether a line homes axes.
+pub fn homes(line: &[u8]) -> bool {
+    sender::code(line).starts_with(b"$H")
+}
+
+/// Whether a line may probe.
+pub fn probes(line: &[u8]) -> bool {
     let code = sender::code(line);
-    code.starts_with(b"$H") || sender::g_numbers(&code).any(|number| (38.0..39.0).contains(&number))
+    sender::g_numbers(&code).any(|number| (38.0..39.0).contains(&number))
+}
+
+/// A line for a virtual machine on which no probe makes contact: each probing move goes to its end, which is no alarm.
+pub fn without_contact(line: &[u8]) -> Vec<u8> {
+    let mut replaced = line.to_vec();
+    let (mut is_comment, mut word) = (false, Vec::new());
+    for byte in &mut replaced {
+        match *byte {
+            b';' if !is_comment => break,
+            b'(' => is_comment = true,
+            b')' => is_comment = false,
+            _ if is_comment || *byte <= b' ' => {}
+            b'G' | b'g' => word = vec![b'G'],
+            b'0' if word == b"G" => {}
+            b'2' | b'4' | b'5' if word == b"G38." => *byte = b'3',
+            _ => word.push(*byte),
+        }
+    }
+    replaced
 }
 
 /// Whether a mode stays from one program to the next: not motion, cycles, compensation, lengths of tools,
@@ -203,6 +266,21 @@ mod tests {
             tools: ask("$TT\n"),
             modes: ask("$G\n").remove(0),
             position: position.unwrap(),
+        }
+    }
+
+    #[test]
+    fn a_probing_move_becomes_one_that_may_miss_and_nothing_else_changes() {
+        for (line, expected) in [
+            ("G38.2 Z-5 F50 (G38.2)", "G38.3 Z-5 F50 (G38.2)"),
+            ("n5 g 038 .5x2", "n5 g 038 .3x2"),
+            ("G91G38.4Z2;G38.4", "G91G38.3Z2;G38.4"),
+            ("G38.3 X238.2", "G38.3 X238.2"),
+            ("G1 X38.2 G380.2", "G1 X38.2 G380.2"),
+            ("G38 G38.6", "G38 G38.6"),
+        ] {
+            let replaced = without_contact(line.as_bytes());
+            assert_eq!(String::from_utf8(replaced).unwrap(), expected);
         }
     }
 

@@ -8,7 +8,9 @@ use leadscrew::{
     axis::LETTERS,
     gcode::LineError,
     model::{Alarm, State},
+    path::OutsideTravel,
     protocol::{Dialect, Session},
+    settings::Settings,
     sim::{Edge, PlayedSegment, Simulator, StepStatistics, Stream, StreamEnd, Watcher},
     units::{Nm, TICKS_PER_SECOND},
 };
@@ -124,20 +126,25 @@ pub fn reason_of_alarm(number: &str, session: &Session) -> String {
     let is_of_travel = number.parse() == Ok(Alarm::SoftLimit.number());
     let outside = is_of_travel.then(|| session.outside_travel()).flatten();
     let details = outside.map(|(outside, is_compensated)| {
-        let axis = char::from(LETTERS[outside.axis]);
-        let mm = |position: Nm| format!("{:.3}", position.to_mm_f64());
-        let travel = session.settings().travel(outside.axis).unwrap_or_default();
-        let [lowest, highest] = travel.map(mm);
         let of = if is_compensated {
             ", in a move that cutter compensation has held back"
         } else {
             ""
         };
-        let position = mm(outside.position);
-        format!("{axis} {position} in machine coordinates is not within {lowest} to {highest}{of}")
+        outside_travel(outside, session.settings()) + of
     });
     let reason = meaning::alarm_with_remedy(number, details.as_deref());
     reason.unwrap_or_else(|| "an unknown alarm".into())
+}
+
+/// A coordinate outside the travel, and the travel.
+pub fn outside_travel(outside: OutsideTravel, settings: &Settings) -> String {
+    let axis = char::from(LETTERS[outside.axis]);
+    let mm = |position: Nm| format!("{:.3}", position.to_mm_f64());
+    let travel = settings.travel(outside.axis).unwrap_or_default();
+    let [lowest, highest] = travel.map(mm);
+    let position = mm(outside.position);
+    format!("{axis} {position} in machine coordinates is not within {lowest} to {highest}")
 }
 
 /// A program on its way through a machine, which it owns or borrows.

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use common::ui;
 use simulation::{Job, Recording};
 use simulation::{
-    machine_answers::{self, MachineAnswers, searches},
+    machine_answers::{self, MachineAnswers, homes, without_contact},
     output, play,
     play::Run,
     program::{Program, encoding_warning},
@@ -27,12 +27,16 @@ impl Rehearsal {
     /// It cannot be read, or the virtual machine cannot be as the machine is.
     pub(crate) fn of(path: &Path, answers: &MachineAnswers) -> Result<Self> {
         let text = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-        let needs_switches = text.split(|byte| *byte == b'\n').any(searches);
-        drop(text);
+        let lines = || text.split(|byte| *byte == b'\n');
+        let is_homed = lines().any(homes);
+        let text = lines()
+            .map(without_contact)
+            .collect::<Vec<_>>()
+            .join(&b'\n');
         ui::status("Trying", "the job on the virtual machine");
-        let mut simulator = machine_answers::simulator(answers, needs_switches)?;
+        let mut simulator = machine_answers::simulator(answers, is_homed)?;
         let mut recording = Recording::new(simulator.session());
-        let program = Program::open(path)?;
+        let program = Program::from_bytes(path.display().to_string(), text);
         let run = Run {
             bar: output::progress(program.length(), "bytes"),
             prints: false,
@@ -89,6 +93,22 @@ mod tests {
             followed.is_on_path && followed.line == 1 && (followed.time_s - 1.0).abs() < 0.2,
             "{followed:?}"
         );
+    }
+
+    #[test]
+    fn a_probe_makes_no_contact_in_advance_and_that_is_no_alarm() {
+        let mut file = tempfile::NamedTempFile::new().unwrap();
+        write!(file, "G38.2 Z-30 F600\nG1 X2 F600\n").unwrap();
+        let answers = MachineAnswers {
+            settings: vec!["$120=1000".into(), "$122=1000".into()],
+            position: vec![0.0; AXES],
+            ..MachineAnswers::default()
+        };
+        let points = Rehearsal::of(file.path(), &answers)
+            .unwrap()
+            .job
+            .waypoints();
+        assert_eq!(points[points.len() - 1].place, [2.0, 0.0, -30.0]);
     }
 
     #[test]

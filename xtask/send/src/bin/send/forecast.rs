@@ -1,34 +1,12 @@
 //! A job on the virtual machine in advance: when each line is answered, and what is refused.
 
-use std::collections::VecDeque;
+mod recorder;
 
-use anyhow::{Result, bail, ensure};
-use grbl_client::meaning::{self, LineOfAlarm};
-use leadscrew::{
-    model::PathControl,
-    sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
-    units::TICKS_PER_SECOND,
-};
-use simulation::{
-    machine_answers::{self, MachineAnswers, searches},
-    output,
-    playing::reason_of_alarm,
-    refusal,
-    sender::{Response, shown},
-};
+use anyhow::Result;
+use simulation::machine_answers::{self, MachineAnswers, homes, probes};
 
-use crate::link::Stopped;
-
-/// Entries that path control and cutter compensation may still make of the moves that wait for the next one
-/// when a line is answered.
-const DIVIDED: u32 = 4;
-
-/// Steps of entries that count as finished may still be queued: at most 5 ms of them, twice of which is
-/// waited here, s.
-const QUEUED_S: f64 = 0.01;
-
-/// Changes of the virtual machine after which it is shown how far it is, and Ctrl-C is looked for.
-const SHOWN: u32 = 100_000;
+use crate::replay::TwoContacts;
+use recorder::Recorder;
 
 /// How far the machine is.
 #[derive(Debug, Clone, Copy, Default)]
@@ -37,6 +15,8 @@ struct Entries {
     needed: u32,
     /// How many have been finished.
     finished: u32,
+    /// Path control or compensation may have changed the path of moves that wait.
+    may_wait: bool,
 }
 
 /// What a job does on the virtual machine.
@@ -46,83 +26,89 @@ pub(crate) struct Forecast {
     answered_s: Vec<f64>,
     /// How far the machine was when each line was answered.
     entries: Vec<Entries>,
+    /// When lines begin to move the machine, s from the first, and the lines, counted from 0.
+    begun: Vec<(f64, usize)>,
+    /// The lines in which the machine is where the real one was stopped.
+    passing: Vec<usize>,
+    /// When the first line that is sent begins, s.
+    start_s: f64,
     /// How long the job takes, s, without pauses of the operator.
     pub(crate) total_s: f64,
     /// Lines that are refused, to read.
     pub(crate) refused: Vec<String>,
+    /// The first line that probes, counted from 0. Its contact is unknown, so that all times are estimates: of probing
+    /// moves without contact.
+    pub(crate) probing: Option<usize>,
 }
 
 impl Forecast {
     /// Runs a job, and asks now and then whether it is to be stopped.
     ///
     /// # Errors
-    /// It ends in an alarm, or was [`Stopped`].
+    /// It ends in an alarm, or was [`Stopped`](crate::link::Stopped).
     pub(crate) fn of(
         answers: &MachineAnswers,
         lines: &[Vec<u8>],
         baud: u32,
-        mut is_stopped: impl FnMut() -> Result<bool>,
+        is_stopped: impl FnMut() -> Result<bool>,
     ) -> Result<Self> {
-        let mut simulator =
-            machine_answers::simulator(answers, lines.iter().any(|line| searches(line)))?;
-        let start = simulator.now();
-        let mut recorder = Recorder {
-            lines,
-            start,
-            base: simulator.session().entered(),
-            finished_base: simulator.snapshot().finished,
-            now_s: 0.0,
-            finished: VecDeque::from([(0.0, 0)]),
-            pending: Vec::new(),
-            forecast: Self::default(),
-            alarm: None,
-        };
-        let bytes = lines
-            .iter()
-            .flat_map(|line| line.iter().copied().chain([b'\n']));
-        let mut stream = Stream::new(&mut *simulator, bytes, baud).with_statements_at_rest();
-        let bar = output::progress(lines.len() as u64, "lines");
-        let end = loop {
-            match stream.pump(&mut recorder, SHOWN) {
-                Some(end) => break end,
-                None => bar.set_position(recorder.forecast.answered_s.len() as u64),
-            }
-            ensure!(!is_stopped()?, Stopped);
-        };
-        bar.finish_and_clear();
-        drop(stream);
-        recorder.change(&simulator);
-        if let Some((answered, number, reason)) = &recorder.alarm {
-            let undone = recorder.forecast.first_undone(*answered as usize) as u64;
-            let line = answered + 1;
-            let place = match meaning::line_of_alarm(number) {
-                Some(LineOfAlarm::InExecution) if undone < *answered => {
-                    format!("one of the lines {} to {line}", undone + 1)
-                }
-                _ => format!("line {line} ({})", shown(recorder.sent(line))),
-            };
-            bail!("{place} would end in ALARM:{number}, {reason}");
-        }
-        if end == StreamEnd::Stuck {
-            bail!(
-                "the job would end in the state {}",
-                simulator.snapshot().state.name()
-            );
-        }
-        let mut forecast = recorder.forecast;
-        forecast.total_s = recorder.now_s;
-        Ok(forecast)
+        Self::passing(None, answers, lines, baud, is_stopped)
     }
 
-    /// The time that is left when so many lines have been answered, and so long ago, s.
-    pub(crate) fn remaining_s(&self, answered: usize, since_s: f64) -> f64 {
+    /// The same for a job that has been stopped at a machine position, for [`Self::stopped_in`].
+    pub(crate) fn passing(
+        place: Option<&[f64]>,
+        answers: &MachineAnswers,
+        lines: &[Vec<u8>],
+        baud: u32,
+        is_stopped: impl FnMut() -> Result<bool>,
+    ) -> Result<Self> {
+        let is_homed = lines.iter().any(|line| homes(line));
+        let settings = machine_answers::settings(answers);
+        let known = machine_answers::simulator(answers, false)?;
+        let contacts = TwoContacts::new(known.session().interpreter(), settings);
+        let mut answers = answers.clone();
+        // Where an axis ends depends on contacts: the other moves are compared with the travel afterwards.
+        let is_probed = lines.iter().any(|line| probes(line));
+        let without = [(is_homed || is_probed, "$20=0"), (is_homed, "$21=0")];
+        let without = without.iter().filter(|(is_off, _)| *is_off);
+        (answers.settings).extend(without.map(|(_, setting)| (*setting).to_owned()));
+        let mut simulator = machine_answers::simulator(&answers, is_homed)?;
+        let mut recorder = Recorder::new(lines, place, &simulator);
+        let end = recorder.play(&mut simulator, baud, is_stopped)?;
+        recorder.judge(end, &simulator, contacts)
+    }
+
+    /// The job is sent from a line on, counted from 0.
+    pub(crate) fn begin_at(&mut self, line: usize) {
+        let first = self.begun.partition_point(|(_, begun)| *begun < line);
+        let first = self.begun.get(first);
+        self.start_s = first.map_or(self.total_s, |(begin_s, _)| *begin_s);
+    }
+
+    /// The time of the virtual machine when so many lines have been answered, and so long ago, s.
+    pub(crate) fn time_s(&self, answered: usize, since_s: f64) -> f64 {
         let at = |lines: usize| match lines.checked_sub(1) {
             None => 0.0,
             Some(index) => self.answered_s.get(index).copied().unwrap_or(self.total_s),
         };
         // The next answer is late where an override or a hold makes it so.
-        let now = (at(answered) + since_s).min(at(answered + 1));
-        (self.total_s - now).max(0.0)
+        (at(answered) + since_s)
+            .min(at(answered + 1))
+            .max(self.start_s)
+    }
+
+    /// The line that the virtual machine carries out at a time, s, counted from 0.
+    pub(crate) fn line_at(&self, time_s: f64) -> usize {
+        let begun = self
+            .begun
+            .partition_point(|(begin_s, _)| *begin_s <= time_s);
+        self.begun[..begun].last().map_or(0, |(_, line)| *line)
+    }
+
+    /// The time that is left when so many lines have been answered, and so long ago, s.
+    pub(crate) fn remaining_s(&self, answered: usize, since_s: f64) -> f64 {
+        (self.total_s - self.time_s(answered, since_s)).max(0.0)
     }
 
     /// The first line, counted from 0, that a machine may not have carried out when it had answered so many.
@@ -140,106 +126,42 @@ impl Forecast {
             .position(is_undone)
             .unwrap_or(answered)
     }
-}
 
-/// What watches the virtual machine.
-struct Recorder<'a> {
-    lines: &'a [Vec<u8>],
-    start: u64,
-    base: u32,
-    finished_base: u32,
-    /// The time, s from the first line.
-    now_s: f64,
-    /// Numbers of finished entries, and since when they are that: the first one is from before what is queued.
-    finished: VecDeque<(f64, u32)>,
-    /// The finished entries at answers since the last change.
-    pending: Vec<u32>,
-    forecast: Forecast,
-    /// Answers before the first alarm, its number and what it means.
-    alarm: Option<(u64, String, String)>,
-}
-
-impl Recorder<'_> {
-    /// A line of the job, from 1; nothing after its end.
-    fn sent(&self, line: u64) -> &[u8] {
-        let index = (line as usize).wrapping_sub(1);
-        self.lines.get(index).map_or(&[], Vec::as_slice)
-    }
-}
-
-impl Watcher for Recorder<'_> {
-    fn edge(&mut self, _: &Edge) {}
-
-    fn change(&mut self, simulator: &Simulator) {
-        let entered = simulator.session().entered().wrapping_sub(self.base);
-        let entries = &mut self.forecast.entries;
-        let interpreter = simulator.session().interpreter();
-        let may_wait = interpreter.is_compensating()
-            || matches!(interpreter.modal().path, PathControl::Continuous { .. });
-        let needed = entered + if may_wait { DIVIDED } else { 0 };
-        entries.extend(
-            self.pending
-                .drain(..)
-                .map(|finished| Entries { needed, finished }),
-        );
-        let ticks = simulator.now() - self.start;
-        let finished = simulator
-            .snapshot()
-            .finished
-            .wrapping_sub(self.finished_base);
-        let now_s = ticks as f64 / f64::from(TICKS_PER_SECOND);
-        self.now_s = now_s;
-        if self
-            .finished
-            .back()
-            .is_none_or(|(_, known)| *known != finished)
-        {
-            self.finished.push_back((now_s, finished));
+    /// The line, counted from 0, in which a machine was stopped when it had answered so many: the first one that passes
+    /// the place at which it stopped. Where that place is unknown, or the path is not certain, [`Self::first_undone`].
+    pub(crate) fn stopped_in(&self, answered: usize) -> usize {
+        let undone = self.first_undone(answered);
+        let last = answered.min(self.entries.len().saturating_sub(1));
+        let mut waiting = self.entries[undone.min(last)..=last].iter();
+        let is_probed = self.probing.is_some_and(|line| line <= last);
+        if is_probed || waiting.any(|entries| entries.may_wait) {
+            return undone;
         }
-        // The first one stays that from before what is queued.
-        while self
-            .finished
-            .get(1)
-            .is_some_and(|(since_s, _)| since_s + QUEUED_S <= now_s)
-        {
-            self.finished.pop_front();
-        }
-    }
-
-    fn answer(&mut self, line: u64, answer: &[u8]) {
-        self.forecast.answered_s.push(self.now_s);
-        self.pending
-            .push(self.finished.front().map_or(0, |(_, finished)| *finished));
-        let text = String::from_utf8_lossy(answer);
-        if let Some(response @ Response::Error(_)) = Response::parse(&text) {
-            let refusal = refusal(line, self.sent(line), response);
-            self.forecast.refused.push(refusal);
-        }
-    }
-
-    fn message(&mut self, simulator: &Simulator, answers: u64, message: &[u8]) {
-        if let Some(number) = message.strip_prefix(b"ALARM:") {
-            let number = String::from_utf8_lossy(number);
-            let reason = reason_of_alarm(&number, simulator.session());
-            self.alarm
-                .get_or_insert((answers, number.into_owned(), reason));
-        }
+        let line = self.passing.iter().find(|line| **line >= undone);
+        line.map_or(undone, |line| *line.min(&last))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use leadscrew::settings::Settings;
+    //! Jobs in advance.
+
+    use leadscrew::{
+        axis::AXES,
+        settings::Settings,
+        sim::{Edge, Simulator, Stream, Watcher},
+    };
+    use simulation::machine_answers::UNLIMITED_BAUD;
 
     use super::*;
-    use simulation::machine_answers::UNLIMITED_BAUD;
+    use crate::link::Stopped;
 
     fn answers() -> MachineAnswers {
         let mut simulator = Simulator::new(&Settings::default());
         let settings = simulation::play::ask(&mut simulator, b"$+\n");
         MachineAnswers {
             settings,
-            position: vec![0.0; leadscrew::axis::AXES],
+            position: vec![0.0; AXES],
             ..MachineAnswers::default()
         }
     }
@@ -308,7 +230,7 @@ mod tests {
         assert_eq!(forecast.first_undone(5), 0);
         let late = forecast.first_undone(350);
         assert!((1..345).contains(&late), "{late}");
-        // The dwell is answered when everything before it has been done; the line behind it may have come
+        // The dwell is answered when everything before it has been done; the line after it may have come
         // before its answer.
         assert_eq!(forecast.first_undone(400), 399);
     }
@@ -365,6 +287,173 @@ mod tests {
                         "{modes}, {baud}: {undone} of {answered} at {steps}"
                     );
                 }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod stopped {
+    //! Jobs that are stopped at many moments, and the line in which that was.
+
+    use grbl_client::Report;
+    use leadscrew::{
+        axis::AXES,
+        settings::{Settings, assign},
+        sim::{Edge, PlayedSegment, SegmentKind, Simulator, Stream, Watcher},
+    };
+    use simulation::{machine_answers::UNLIMITED_BAUD, play::ask};
+
+    use super::*;
+
+    /// A job of which the lines are answered long before they are carried out, and cross each other.
+    const JOB: &str = "\
+G21 G90 F900
+G0 Z2
+G0 X1 Y1
+G1 Z-1
+X7
+Y7
+X1
+Y2
+G2 X4 Y5 I3 J0
+M8
+G1 X6 Y1
+X3.5 Y6.5
+X12 F600
+Y1 F900
+X2 Y3
+G0 Z2
+X0 Y0
+";
+
+    fn settings() -> Settings {
+        let mut settings = Settings::default();
+        for axis in 0..3 {
+            for (number, value) in [(100, 80), (110, 5000), (120, 500)] {
+                let assignment = format!("{}={value}", number + axis);
+                assign(&mut settings, assignment.as_bytes()).unwrap();
+            }
+        }
+        settings
+    }
+
+    /// What a machine has done until it is stopped.
+    #[derive(Default)]
+    struct Done {
+        answered: usize,
+        changes: u32,
+        /// The line of the last move, counted from 0.
+        line: usize,
+    }
+
+    impl Done {
+        /// Lets the machine go on alone until it is at rest.
+        fn go_on(&mut self, simulator: &mut Simulator) {
+            while let Some(due) = simulator.due() {
+                simulator.advance(due);
+                while let Some(segment) = simulator.take_segment() {
+                    self.segment(&segment);
+                }
+            }
+        }
+    }
+
+    impl Watcher for Done {
+        fn edge(&mut self, _: &Edge) {}
+
+        fn change(&mut self, _: &Simulator) {
+            self.changes += 1;
+        }
+
+        fn segment(&mut self, segment: &PlayedSegment) {
+            if segment.kind != SegmentKind::Standstill {
+                self.line = segment.line as usize - 1;
+            }
+        }
+
+        fn answer(&mut self, line: u64, answer: &[u8]) {
+            assert_eq!(answer, b"ok", "line {line}");
+            self.answered += 1;
+        }
+
+        fn message(&mut self, _: &Simulator, _: u64, _: &[u8]) {}
+    }
+
+    /// Runs a job for so many changes.
+    fn run(simulator: &mut Simulator, job: &str, changes: u32) -> Done {
+        let mut done = Done::default();
+        Stream::new(simulator, job.bytes(), UNLIMITED_BAUD)
+            .with_statements_at_rest()
+            .with_numbers()
+            .pump(&mut done, changes);
+        done
+    }
+
+    fn lines(text: &str) -> Vec<Vec<u8>> {
+        text.lines().map(|line| line.as_bytes().to_vec()).collect()
+    }
+
+    /// The line in which a job is stopped after so many changes: as it was, as it is found, and by the answers alone.
+    fn stop(answers: &MachineAnswers, job: &str, changes: u32) -> [usize; 3] {
+        let mut simulator = Box::new(Simulator::new(&settings()));
+        let mut done = run(&mut simulator, job, changes);
+        ask(&mut simulator, b"!");
+        done.go_on(&mut simulator);
+        let report = ask(&mut simulator, b"?").pop().unwrap();
+        let place = Report::read(&report)
+            .and_then(|report| report.machine_position())
+            .unwrap();
+        let never = || Ok(false);
+        let forecast =
+            Forecast::passing(Some(&place), answers, &lines(job), UNLIMITED_BAUD, never).unwrap();
+        let answered = done.answered;
+        [
+            done.line,
+            forecast.stopped_in(answered),
+            forecast.first_undone(answered),
+        ]
+    }
+
+    fn answers() -> MachineAnswers {
+        MachineAnswers {
+            settings: ask(&mut Simulator::new(&settings()), b"$+\n"),
+            position: vec![0.0; AXES],
+            ..MachineAnswers::default()
+        }
+    }
+
+    #[test]
+    fn a_job_is_continued_at_the_line_in_which_it_was_stopped() {
+        let answers = answers();
+        let changes = run(&mut Simulator::new(&settings()), JOB, u32::MAX).changes;
+        let stops = (1..80).map(|moment| stop(&answers, JOB, changes * moment / 80));
+        let stops: Vec<_> = stops.collect();
+        for [line, found, undone] in &stops {
+            // The place where a line begins is also the end of that before.
+            assert!(
+                undone <= found && (*found..=found + 1).contains(line),
+                "{stops:?}"
+            );
+        }
+        let exact = stops.iter().filter(|[line, found, _]| line == found);
+        assert!(exact.count() > 65, "{stops:?}");
+        assert!(stops.iter().any(|stop| stop[..2] == [12, 12]), "{stops:?}");
+        // The answers alone would go back to another line.
+        let earlier = stops.iter().filter(|[line, _, undone]| undone < line);
+        assert!(earlier.count() > 65, "{stops:?}");
+    }
+
+    #[test]
+    fn a_path_that_is_not_certain_is_continued_by_the_answers_alone() {
+        let answers = answers();
+        let blended = JOB.replace("F900\nG0 Z2", "F900\nG64 P0.1\nG0 Z2");
+        let probing = JOB.replace("F900\nG0 Z2", "F900\nG38.3 Z-0.1\nG0 Z2");
+        for job in [blended, probing] {
+            let changes = run(&mut Simulator::new(&settings()), &job, u32::MAX).changes;
+            for moment in 1..8 {
+                let [line, found, undone] = stop(&answers, &job, changes * moment / 8);
+                assert!(found == undone && found <= line, "{found} for {line}");
             }
         }
     }

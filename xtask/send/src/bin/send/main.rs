@@ -3,6 +3,7 @@
 mod approach;
 mod forecast;
 mod machine;
+mod progress;
 mod record;
 mod replay;
 mod resume;
@@ -34,6 +35,7 @@ use simulation::{
 
 use approach::Plunge;
 use forecast::Forecast;
+use progress::Clock;
 use record::{Record, RecordFile};
 use resume::{Beginning, Entry};
 use screen::{Keyboard, Screen};
@@ -120,7 +122,7 @@ fn send(
     machine::make_ready(&mut machine, options.home)?;
     let answers = machine.answers()?;
     let began = kept.map_or(&answers, |record| &record.began);
-    let forecast = forecast_of(options, began, lines, stop)?;
+    let mut forecast = forecast_of(options, began, lines, stop)?;
     let (approach, first) = if continues {
         let entry = find_entry(options, kept, &answers, lines, stop)?;
         show(&entry);
@@ -134,6 +136,7 @@ fn send(
     let mut job = Transmission::new(&approach, lines, first, options.despite_refusals);
     // It has the offset in it, which not every report has.
     job.status.clone_from(&machine.status);
+    forecast.begin_at(first);
     let settings = machine_answers::settings(began);
     let travel = |axis| settings.travel(axis).map(|ends| ends.map(Nm::to_mm_f64));
     job.travel_mm = (0..AXES).map(travel).collect();
@@ -143,13 +146,15 @@ fn send(
         machine,
         keyboard,
         screen: Screen::new(lines.len()),
-        left_s: forecast.remaining_s(first, 0.0),
+        clock: Clock::default(),
         forecast,
+        first,
         file,
         record: Record {
             program: record::checksum(lines),
             answered: first,
             measured: None,
+            stopped_at: None,
             began: began.clone(),
         },
         stop,
@@ -203,7 +208,12 @@ fn forecast_of(
         );
         ui::warning(&format!("{count} lines will be refused"));
     }
-    let what = format!("{} lines, {}", lines.len(), duration(forecast.total_s));
+    let estimate = forecast.probing.map_or(String::new(), |line| {
+        let line = line + 1;
+        format!(", an estimate: where the probe in line {line} makes contact is unknown")
+    });
+    let (count, time) = (lines.len(), duration(forecast.total_s));
+    let what = format!("{count} lines, {time}{estimate}");
     ui::status("Job", &what);
     Ok(forecast)
 }
@@ -219,10 +229,13 @@ fn find_entry(
     let wanted = match (kept, options.from) {
         (Some(record), _) => {
             // The line may be faster than it was thought: then more moves wait in the machine.
-            let forecast = Forecast::of(&record.began, lines, UNLIMITED_BAUD, || {
-                link::is_stopped(stop)
-            })?;
-            let undone = forecast.first_undone(record.answered).min(lines.len() - 1);
+            let is_stopped = || link::is_stopped(stop);
+            // Where the operator has measured a tool, its path is another than that of the virtual machine.
+            let place = record.stopped_at.as_deref();
+            let place = place.filter(|_| record.measured.is_none());
+            let forecast =
+                Forecast::passing(place, &record.began, lines, UNLIMITED_BAUD, is_stopped)?;
+            let undone = forecast.stopped_in(record.answered).min(lines.len() - 1);
             // A reset has taken away what the operator has measured: he does so again.
             record.measured.map_or(undone, |line| line.min(undone))
         }
@@ -295,8 +308,9 @@ struct Run<'a> {
     keyboard: &'a mut Keyboard,
     screen: Screen,
     forecast: Forecast,
-    /// The time that is left, s.
-    left_s: f64,
+    clock: Clock,
+    /// The first line of the program that is sent, counted from 0.
+    first: usize,
     file: &'a mut RecordFile,
     record: Record,
     stop: &'a mut UnixStream,
@@ -306,7 +320,7 @@ impl Run<'_> {
     /// Moves bytes, keys and time until the job has ended.
     fn drive(&mut self) -> Result<()> {
         let (mut asked, mut kept) = (None::<Instant>, None::<Instant>);
-        let mut answered = (0, Instant::now());
+        let (mut answered, mut ticked) = (0, Instant::now());
         let mut stopping = None::<Instant>;
         loop {
             self.job.has_operator = self.keyboard.has_operator();
@@ -316,11 +330,14 @@ impl Run<'_> {
             }
             let output = self.job.take_output();
             self.machine.link.send(&output)?;
-            if self.job.answered() != answered.0 {
-                answered = (self.job.answered(), Instant::now());
-                self.job.undone = self.forecast.first_undone(answered.0);
+            if self.job.answered() != answered {
+                answered = self.job.answered();
+                self.job.undone = self.forecast.first_undone(answered).max(self.first);
             }
-            self.show(answered.1);
+            let passed_s = ticked.elapsed().as_secs_f64();
+            ticked = Instant::now();
+            self.clock.tick(&self.forecast, &self.job, passed_s);
+            self.show();
             if kept.is_none_or(|kept| kept.elapsed() >= RECORD_PERIOD) {
                 kept = Some(Instant::now());
                 self.keep();
@@ -341,17 +358,12 @@ impl Run<'_> {
         }
     }
 
-    fn show(&mut self, since: Instant) {
+    fn show(&mut self) {
         for note in self.job.take_notes() {
             self.screen.print_line(&note);
         }
         if !self.job.status.report.state.is_empty() {
-            // In a hold the time stands.
-            if !self.job.status.report.is_held() {
-                let since_s = since.elapsed().as_secs_f64();
-                self.left_s = self.forecast.remaining_s(self.job.answered(), since_s);
-            }
-            self.screen.show(&self.job, self.left_s);
+            self.screen.show(&self.job, &self.clock.progress);
         }
     }
 
@@ -393,6 +405,7 @@ impl Run<'_> {
     fn keep(&mut self) {
         self.record.answered = self.job.answered();
         self.record.measured = self.job.measured;
+        self.record.stopped_at.clone_from(&self.job.stopped_at);
         self.file.write(&self.record);
     }
 
@@ -407,14 +420,14 @@ impl Run<'_> {
         }
         if let Err(error) = ended {
             self.keep();
-            let (answered, name) = (self.job.answered(), options.file.display());
+            let (line, name) = (self.clock.progress.line + 1, options.file.display());
             let option = if self.file.is_lost {
                 "--from LINE"
             } else {
                 "--resume"
             };
             return Err(error.context(format!(
-                "{name} was interrupted when {answered} lines were answered: {option} continues it"
+                "{name} was interrupted in line {line}: {option} continues it"
             )));
         }
         self.file.remove();

@@ -23,6 +23,9 @@ pub(crate) struct Record {
     /// The lines before a change of the tool in which the operator has set an offset that a reset clears.
     #[serde(default)]
     pub(crate) measured: Option<usize>,
+    /// Where the machine stood when the job was stopped, so that the line is known in which that was.
+    #[serde(default)]
+    pub(crate) stopped_at: Option<Vec<f64>>,
     /// The machine before the first line.
     pub(crate) began: MachineAnswers,
 }

@@ -23,6 +23,8 @@ use rustix::{
 };
 use simulation::output;
 
+use crate::progress::Progress;
+
 /// How often the state is printed where nobody can see a bar.
 const PRINT_EVERY: Duration = Duration::from_secs(10);
 
@@ -139,17 +141,12 @@ impl Screen {
     }
 
     /// Shows where the job is, by the lines that the machine has carried out.
-    pub(crate) fn show(&mut self, job: &Transmission, remaining_s: f64) {
-        let end = Zoned::now().checked_add(SignedDuration::from_secs_f64(remaining_s));
+    pub(crate) fn show(&mut self, job: &Transmission, progress: &Progress) {
+        let left = SignedDuration::from_secs_f64(progress.left_s);
+        let end = Zoned::now().checked_add(left);
         let end = end.ok().filter(|_| !job.status.report.is_held());
-        let state = state(
-            &job.status,
-            job.undone,
-            self.lines,
-            remaining_s,
-            end.as_ref(),
-        );
-        self.bar.set_position(job.undone as u64);
+        let state = state(&job.status, progress, self.lines, end.as_ref());
+        self.bar.set_position(progress.line as u64);
         let typed = job.manual_lines.text.as_ref();
         let typed = typed.map_or(String::new(), |text| format!("\n> {text}"));
         self.bar.set_message(format!("{state}{typed}"));
@@ -174,13 +171,7 @@ const LEGEND: &str =
     "h hold  r resume  q stop  t type  + - 0 feed  f m l rapids  S s spindle  c coolant";
 
 /// The state of a job in a line, with the time of day at which it ends.
-fn state(
-    status: &Status,
-    done: usize,
-    lines: usize,
-    remaining_s: f64,
-    end: Option<&Zoned>,
-) -> String {
+fn state(status: &Status, progress: &Progress, lines: usize, end: Option<&Zoned>) -> String {
     let position = status.work_position().or_else(|| status.machine_position());
     let position = position.unwrap_or_default();
     let position = LETTERS
@@ -189,12 +180,13 @@ fn state(
         .map(|(letter, value)| format!("{}{value:.3}", char::from(*letter)));
     let position: Vec<_> = position.collect();
     // Whole seconds, also below a minute.
-    let left = match remaining_s.round() {
+    let left = match progress.left_s.round() {
         seconds if seconds < 60.0 => format!("{seconds} s"),
         seconds => duration(seconds),
     };
+    let about = if progress.is_estimated { "about " } else { "" };
     let end = end.map_or(String::new(), |end| {
-        format!(", ends {}", end.strftime("%H:%M"))
+        format!(", ends {about}{}", end.strftime("%H:%M"))
     });
     let report = &status.report;
     let speeds = report.field("FS").or_else(|| report.field("F"));
@@ -210,9 +202,9 @@ fn state(
         .collect();
     let overrides = overrides.concat();
     let state = &report.state;
-    let line = (done + 1).min(lines);
+    let line = (progress.line + 1).min(lines);
     format!(
-        "{state:<7} line {line} of {lines}  {left} left{end}  {}  {}{overrides}",
+        "{state:<7} line {line} of {lines}  {about}{left} left{end}  {}  {}{overrides}",
         position.join(" "),
         speeds.join(" "),
     )
@@ -230,6 +222,14 @@ mod tests {
         assert!(shown.eq(known.iter().map(String::as_str)), "{known:?}");
     }
 
+    fn progress(line: usize, left_s: f64) -> Progress {
+        Progress {
+            line,
+            left_s,
+            ..Progress::default()
+        }
+    }
+
     #[test]
     fn a_line_tells_state_progress_position_and_overrides() {
         let mut status = Status::default();
@@ -237,14 +237,21 @@ mod tests {
         status.read("<Run|MPos:1.000,2.000,-3.000|FS:500,8000|Ov:110,50,90>");
         let end: Zoned = "2026-11-29T14:05:00[UTC]".parse().unwrap();
         assert_eq!(
-            state(&status, 5, 20, 63.2, Some(&end)),
+            state(&status, &progress(5, 63.2), 20, Some(&end)),
             "Run     line 6 of 20  1 min 3 s left, ends 14:05  X1.000 Y2.000 Z-4.000  F500 S8000  feed 110 %  \
              rapids 50 %  spindle 90 %"
         );
         status.read("<Hold:0|MPos:1.000,2.000,-3.000|F:0|Ov:100,100,100>");
         assert_eq!(
-            state(&status, 20, 20, 3.4, None),
+            state(&status, &progress(20, 3.4), 20, None),
             "Hold:0  line 20 of 20  3 s left  X1.000 Y2.000 Z-4.000  F0"
         );
+        let estimated = Progress {
+            is_estimated: true,
+            ..progress(5, 63.2)
+        };
+        let state = state(&status, &estimated, 20, Some(&end));
+        let expected = "line 6 of 20  about 1 min 3 s left, ends about 14:05  X1";
+        assert!(state.contains(expected), "{state}");
     }
 }
