@@ -1,4 +1,4 @@
-//! What the time of a job goes into, from its segments.
+//! What the time of a job goes into, and how far it goes, from its segments.
 
 use common::text::duration;
 use leadscrew::{
@@ -17,8 +17,12 @@ pub struct JobTimes {
     pub standstill_s: f64,
     /// Jogs, probing, homing, parking, s.
     pub other_s: f64,
-    /// What is played, and since when, ticks.
-    played: Option<(SegmentKind, u64)>,
+    /// Distance of feed moves, mm; degrees where only rotary axes move.
+    pub cutting_mm: f64,
+    /// Distance of rapids, mm.
+    pub rapid_mm: f64,
+    /// What is played, since when, ticks, and its speeds at both ends, mm/min.
+    played: Option<(SegmentKind, u64, [f32; 2])>,
     /// Standstill that counts once something moves again, s.
     pending_s: f64,
 }
@@ -29,7 +33,9 @@ impl JobTimes {
         self.end_played(segment.start_ticks);
         let is_first = self.played.is_none() && segment.kind == SegmentKind::Standstill;
         if !is_first {
-            self.played = Some((segment.kind, segment.start_ticks));
+            let begin_mm_min = self.played.map_or(0.0, |(.., [_, end])| end);
+            let speeds = [begin_mm_min, segment.end_mm_min];
+            self.played = Some((segment.kind, segment.start_ticks, speeds));
         }
     }
 
@@ -43,7 +49,7 @@ impl JobTimes {
     }
 
     fn end_played(&mut self, ticks: u64) {
-        let Some((kind, begun)) = self.played else {
+        let Some((kind, begun, speeds)) = self.played else {
             return;
         };
         let seconds = ticks.saturating_sub(begun) as f64 / f64::from(TICKS_PER_SECOND);
@@ -52,9 +58,18 @@ impl JobTimes {
             return;
         }
         self.standstill_s += std::mem::take(&mut self.pending_s);
+        // The speed changes evenly within a segment.
+        let [begin, end] = speeds.map(f64::from);
+        let distance = f64::midpoint(begin, end) / 60.0 * seconds;
         match kind {
-            SegmentKind::Feed => self.cutting_s += seconds,
-            SegmentKind::Rapid => self.rapid_s += seconds,
+            SegmentKind::Feed => {
+                self.cutting_s += seconds;
+                self.cutting_mm += distance;
+            }
+            SegmentKind::Rapid => {
+                self.rapid_s += seconds;
+                self.rapid_mm += distance;
+            }
             SegmentKind::Standstill
             | SegmentKind::Jog
             | SegmentKind::Probe
@@ -96,7 +111,7 @@ mod tests {
             times.add(&PlayedSegment {
                 start_ticks: seconds * u64::from(TICKS_PER_SECOND),
                 steps: Axes([0; AXES]),
-                end_mm_min: 0.0,
+                end_mm_min: 60.0,
                 end_steps_s: Axes([0.0; AXES]),
                 programmed_mm_min: 0.0,
                 line: 0,
@@ -129,6 +144,8 @@ mod tests {
         ];
         assert_eq!(parts, [2.0, 5.0, 10.0, 1.0]);
         assert_eq!(times.total_s(), 18.0);
+        // The speed is 1 mm/s at each end, and 0 where the job begins.
+        assert_eq!((times.rapid_mm, times.cutting_mm), (1.0, 10.0));
         let text = "cutting 10.000 s, rapids 2.000 s, standing still 5.000 s, homing, probing, jogs and backlash 1.000 s";
         assert_eq!(times.text().as_deref(), Some(text));
     }

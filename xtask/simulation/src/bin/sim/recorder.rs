@@ -44,11 +44,22 @@ struct Drawing {
     marks: MarkFinder,
 }
 
+/// How far the tool went, in degrees where only rotary axes move.
+#[derive(Serialize)]
+struct Distances {
+    /// In feed moves.
+    cutting: f64,
+    /// In rapids.
+    rapids: f64,
+}
+
 /// What a run shows, and how good its motion is, where that was asked for.
 #[derive(Serialize)]
 struct Measured {
     #[serde(flatten)]
     figures: Figures,
+    /// How far the tool went.
+    distances_mm: Distances,
     /// The gantries, with `--second`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     second_motors: Vec<Sides>,
@@ -124,8 +135,13 @@ impl Recording {
             drawing.output.write_all(picture.as_bytes())?;
             drawing.output.finish()?;
         }
+        let distances_mm = Distances {
+            cutting: figures.times.cutting_mm,
+            rapids: figures.times.rapid_mm,
+        };
         let measured = Measured {
             figures,
+            distances_mm,
             second_motors,
             quality,
         };
