@@ -48,6 +48,8 @@ pub struct PlayedSegment {
     pub steps: Axes<i32>,
     /// Speed along the path at its end, mm/min.
     pub end_mm_min: f32,
+    /// Speed of each axis at its start, steps/s.
+    pub begin_steps_s: Axes<f32>,
     /// Speed of each axis at its end, steps/s.
     pub end_steps_s: Axes<f32>,
     /// Programmed speed along the path, mm/min; that which the axes allow in a rapid, 0 at standstill and in
@@ -96,6 +98,7 @@ impl Origin {
 struct Note {
     kind: SegmentKind,
     programmed_mm_min: f32,
+    begin_steps_s: Axes<f32>,
     end_steps_s: Axes<f32>,
 }
 
@@ -103,6 +106,7 @@ impl Note {
     const STANDSTILL: Self = Self {
         kind: SegmentKind::Standstill,
         programmed_mm_min: 0.0,
+        begin_steps_s: Axes([0.0; AXES]),
         end_steps_s: Axes([0.0; AXES]),
     };
 
@@ -113,19 +117,23 @@ impl Note {
         }
         let segment = motion.segment();
         let ticks = segment.ticks as f32;
-        let end_steps_s = Axes::from_fn(|axis| {
-            let moved = segment.axes[axis]
-                .to
-                .0
-                .wrapping_sub(origin.position[axis].0);
-            let mean = FineSteps(moved).to_f32() / ticks;
-            let end = mean + 0.5 * ticks * segment.axes[axis].acceleration;
-            end * TICKS_PER_SECOND as f32
-        });
+        // Half a segment before and after its mean speed.
+        let speeds_at = |part: f32| {
+            Axes::from_fn(|axis| {
+                let moved = segment.axes[axis]
+                    .to
+                    .0
+                    .wrapping_sub(origin.position[axis].0);
+                let mean = FineSteps(moved).to_f32() / ticks;
+                let speed = mean + part * ticks * segment.axes[axis].acceleration;
+                speed * TICKS_PER_SECOND as f32
+            })
+        };
         Self {
             kind: origin.kind,
             programmed_mm_min: origin.programmed_mm_min,
-            end_steps_s,
+            begin_steps_s: speeds_at(-0.5),
+            end_steps_s: speeds_at(0.5),
         }
     }
 }
@@ -181,6 +189,7 @@ impl Playback {
             start_ticks,
             steps,
             end_mm_min,
+            begin_steps_s: note.begin_steps_s,
             end_steps_s: note.end_steps_s,
             programmed_mm_min: note.programmed_mm_min,
             line,

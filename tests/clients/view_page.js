@@ -1,8 +1,9 @@
 /*
  * The page of `cargo xtask view` in a browser without a window, as wide as a screen and as a phone: what it
- * draws, that pointer, program and slider find each other, and that it asks nobody for anything.
+ * draws, that pointer, program and slider find each other, what it finds, colours, hides and lists, and that it
+ * asks nobody for anything.
  *
- * Its arguments are the page, and the step trace of the same program by `cargo xtask sim --trace`.
+ * Its arguments are the page, and the step trace and the figures of the same program by `cargo xtask sim`.
  */
 
 'use strict';
@@ -13,12 +14,17 @@ const { pathToFileURL } = require('url');
 const { check, run, until } = require('./cncjs');
 const { browse, newPage } = require('./browser');
 
-const [, , pageFile, traceFile] = process.argv;
+const [, , pageFile, traceFile, figuresFile] = process.argv;
 const SIZES = [{ width: 1400, height: 900 }, { width: 390, height: 800 }];
 // The path of the page is so near to the steps, mm, beyond one of them.
 const NEAR_MM = 0.01;
 // A segment of motion is no longer, ns.
 const SEGMENT_NS = 1.5e6;
+// How far a speed is off that is measured from steps, and an acceleration where a motion ends.
+const MEASURED = 0.01;
+const ENDED = 0.1;
+// Slower than this, the machine stops.
+const STOPPED_MM_MIN = 30;
 
 /** Time, ns from the first step, and steps of each axis. */
 function readTrace() {
@@ -129,7 +135,9 @@ async function listed(page) {
     listing.element.scrollTop = 0;
     listing.element.scrollIntoView({ block: 'center' });
     listing.render();
-    const row = [...listing.made.values()].find(({ dataset }) => path.first[dataset.line] >= 0);
+    // In the order of the lines: rows that were made before may be below the ones in sight.
+    const rows = [...listing.made.values()].sort((a, b) => a.dataset.line - b.dataset.line);
+    const row = rows.find(({ dataset }) => path.first[dataset.line] >= 0);
     const { left, top, height } = row.getBoundingClientRect();
     return { line: Number(row.dataset.line), x: left + 80, y: top + height / 2 };
   });
@@ -191,7 +199,212 @@ async function typed(page) {
   }
 }
 
-async function look(browser, size, trace) {
+/** Finds lines by their text, with the keys alone, and by their number. */
+async function searched(page) {
+  const { hits, count } = await page.evaluate(() => ({
+    hits: window.view.lines.flatMap((line, index) => (line.includes('I-2 J0') ? [index + 1] : [])),
+    count: window.view.lines.length,
+  }));
+  const at = async (line, found) => {
+    const [current, told] = await page.evaluate(() => [window.view.listing.current, document.getElementById('found').textContent]);
+    check(current === line && told.startsWith(found), `line ${current}, ${told}, and not ${line}, ${found}`);
+  };
+  await page.focus('#program');
+  await page.keyboard.press('Home');
+  await page.keyboard.down('Control');
+  await page.keyboard.press('f');
+  await page.keyboard.up('Control');
+  await page.keyboard.type('i-2 j0');
+  await at(hits[0], `1 of ${hits.length}`);
+  await page.keyboard.press('Enter');
+  await at(hits[1], '2 of');
+  await page.click('#before');
+  await page.click('#before');
+  await at(hits[hits.length - 1], `${hits.length} of`);
+  const marked = await page.$$eval('.row.found', (rows) => rows.map((row) => row.textContent));
+  check(marked.length > 0 && marked.every((row) => row.includes('I-2 J0')), `${marked} are marked`);
+  await page.focus('#search');
+  await page.keyboard.type('(');
+  await at(hits[hits.length - 1], 'none');
+  await page.keyboard.press('Escape');
+  for (const [typed, line] of [['42', 42], ['4200', count]]) {
+    await page.keyboard.press('g');
+    await page.keyboard.type(typed);
+    await page.keyboard.press('Enter');
+    await at(line, 'none');
+    await page.focus('#stage');
+  }
+}
+
+/** What each colouring makes of the feed moves, beside what it is to be, and that each looks otherwise. */
+async function coloured(page) {
+  const options = await page.$$eval('#colour option', (all) => all.map(({ value }) => value));
+  check(options.join() === 'speed,share,depth,tool,power', `${options}`);
+  const pictures = new Set();
+  for (const by of options) {
+    await page.select('#colour', by);
+    const { worst, ends, picture } = await page.evaluate((kind) => {
+      const { scene, path, facts } = window.view;
+      const [least, most] = path.place[2].reduce(([low, high], z, row) => (path.kind[row] === 2 || path.kind[row - 1] === 2
+        ? [Math.min(low, z), Math.max(high, z)] : [low, high]), [Infinity, -Infinity]);
+      const second = facts.programmed.find(({ tool }) => tool === 2).line;
+      const wanted = {
+        speed: (piece) => path.speed[piece] / path.fastestFeed,
+        share: (piece) => path.speed[piece] / path.programmed[piece],
+        depth: (piece) => (path.place[2][piece] - least) / (most - least),
+        tool: (piece) => Number(path.line[piece] >= second),
+        power: (piece) => (path.line[piece] > second ? 0.75 : 1),
+      }[kind];
+      const offs = [...path.kind].map((one, piece) => (one === 2 ? Math.abs(scene.values[3 * piece] - wanted(piece)) : 0));
+      scene.render();
+      return {
+        worst: Math.max(...offs), picture: scene.canvas.toDataURL(), ends: document.getElementById('ends').textContent,
+      };
+    }, by);
+    const told = {
+      speed: /^01.500 mm.min$/, share: /^0100 %$/, depth: /^Z -12.000Z -7.000$/, tool: /^T1T2$/, power: /^012.000 rpm$/,
+    }[by];
+    check(worst < 1e-3 && told.test(ends), `${by}: ${worst} off, from ${ends}`);
+    pictures.add(picture);
+  }
+  check(pictures.size === options.length, `${pictures.size} pictures of ${options}`);
+  for (const [time, told] of [[5, /spindle 12.000 rpm$/], [1e9, /spindle 9.000 rpm$/]]) {
+    const moment = await page.evaluate((seconds) => {
+      window.view.setTime(seconds);
+      return document.getElementById('moment').textContent;
+    }, time);
+    check(told.test(moment), moment);
+  }
+  await page.select('#colour', 'speed');
+}
+
+/** Pixels of the colour of what is outside of the travel. */
+function outside(page) {
+  return page.evaluate(() => {
+    const { scene } = window.view;
+    scene.render();
+    const [width, height] = [scene.canvas.width, scene.canvas.height];
+    const pixels = new Uint8Array(4 * width * height);
+    scene.gl.readPixels(0, 0, width, height, scene.gl.RGBA, scene.gl.UNSIGNED_BYTE, pixels);
+    let count = 0;
+    for (let at = 0; at < pixels.length; at += 4) {
+      count += pixels[at] > 200 && pixels[at + 1] < 60 && pixels[at + 2] > 120;
+    }
+    return count;
+  });
+}
+
+async function filtered(page) {
+  const rapids = () => page.evaluate(() => {
+    const { scene, path } = window.view;
+    scene.render();
+    const [a, b] = [0, 1].map((row) => scene.project(path.xyz.subarray(3 * row, 3 * row + 3)));
+    const hit = scene.pick((a[0] + b[0]) / 2, (a[1] + b[1]) / 2);
+    return hit && path.kind[hit.piece] === 1;
+  });
+  // Nothing is highlighted, and all is drawn.
+  await page.hover('#rapids');
+  await page.evaluate(() => new Promise((resolve) => {
+    requestAnimationFrame(() => requestAnimationFrame(resolve));
+  }));
+  await page.evaluate(() => window.view.hover(0));
+  check(await rapids(), 'the first move is a rapid');
+  const before = await lit(page);
+  await page.click('#rapids');
+  check(!await rapids() && await lit(page) < before, 'no rapid is drawn');
+  await page.click('#rapids');
+  check(await rapids() && await lit(page) === before, 'rapids are drawn again');
+  check(await outside(page) === 0, 'nothing is outside while the travel is not shown');
+  await page.click('#travel');
+  const count = await outside(page);
+  check(count > 20, `${count} pixels are outside of the travel`);
+  check(await page.$eval('#kinds .outside', (shown) => !shown.hidden), 'the legend has what is outside');
+  await page.click('#travel');
+}
+
+/** No text of the picture or the curves is cut at an edge, however the part lies. */
+async function labelled(page) {
+  const cut = await page.evaluate(() => {
+    const { scene, curves } = window.view;
+    const found = [];
+    const { prototype } = CanvasRenderingContext2D;
+    const { fillText } = prototype;
+    prototype.fillText = function measured(text, x, y, most) {
+      const width = Math.min(this.measureText(text).width, most || Infinity);
+      const left = x - { left: 0, start: 0, center: width / 2, right: width }[this.textAlign];
+      const { clientWidth, clientHeight } = this.canvas;
+      const { offsetLeft, offsetTop, offsetHeight } = scene.legend;
+      const isBelow = this.canvas !== curves.canvas && y > offsetTop && y < offsetTop + offsetHeight
+        && left < offsetLeft && left + width > offsetLeft;
+      if (isBelow || left < 0 || left + width > clientWidth || y < 5 || y > clientHeight - 5) found.push(`${text} at ${x}, ${y}`);
+    };
+    for (let step = 0; step < 24; step += 1) {
+      scene.camera.turn(0.5, step % 2 ? 0.3 : -0.3);
+      scene.camera.pan(step % 3 ? 150 : -250, step % 5 ? 60 : -200);
+      scene.render();
+    }
+    curves.choices().forEach(([what]) => {
+      curves.what = what;
+      curves.render();
+    });
+    for (let step = 0; step < 30; step += 1) {
+      curves.zoom(0.77, curves.range[0]);
+      curves.render();
+    }
+    curves.zoom(1e9, 0);
+    prototype.fillText = fillText;
+    scene.view('iso');
+    return found;
+  });
+  check(cut.length === 0, cut.join('\n'));
+}
+
+/** The tables say what `cargo xtask sim --json` says. */
+async function tabled(page, figures) {
+  await page.click('#tab-job');
+  const tables = await page.$$eval('#job table', (all) => all.map((table) => ({
+    title: table.caption.textContent,
+    heads: [...table.tHead.querySelectorAll('th[scope=col]')].map((cell) => cell.textContent),
+    rows: [...table.tBodies[0].rows].map((row) => [...row.cells].map((cell) => cell.textContent)),
+  })));
+  tables.forEach(({ title, heads, rows }) => {
+    check(heads.every(Boolean) && rows.every((row) => row.length === heads.length), `heads of ${title}: ${heads}`);
+  });
+  const rows = (title) => tables.find((table) => table.title.startsWith(title)).rows;
+  const row = (title, name) => rows(title).find(([first]) => first === name).slice(1);
+  const { distances_mm: { cutting, rapids }, events, event_hash: hash, quality: { corners } } = figures;
+  const equal = (shown, wanted) => check(shown === wanted, `${shown}, and not ${wanted}`);
+  const plain = (text) => Number(text.replace(/\s/g, ''));
+  equal(row('Time and', 'cutting')[1], cutting.toFixed(3));
+  equal(row('Time and', 'rapids')[1], rapids.toFixed(3));
+  equal(row('Time and', 'together')[1], (cutting + rapids).toFixed(3));
+  equal(plain(row('The run', 'step events')[0]), events);
+  equal(row('The run', 'hash of them')[0], hash);
+  equal(row('Programmed', 'F').join(), '300,1500,mm/min');
+  equal(row('Programmed', 'S').join(), '9000,12000,rpm');
+  equal(rows('Tools').map(([tool]) => tool).join(), 'T1,T2');
+  const lengths = rows('Tools').reduce((sum, cells) => sum + Number(cells[3]), 0);
+  check(Math.abs(lengths / cutting - 1) < MEASURED, `the tools cut ${lengths} mm`);
+  equal(rows('The whole').map((cells) => cells[5]).join(), '10.000,none,none');
+  equal(row('The whole', 'X')[3], '-200 to 0');
+  const [count, slowest, fastest, share] = rows('Corners')[0];
+  // The stop for the second tool is a corner to the measurement of the steps.
+  const speeds = corners.list.map(({ speed_mm_s: speed }) => 60 * speed).filter((speed) => speed > STOPPED_MM_MIN);
+  equal(plain(count), speeds.length);
+  const near = (shown, wanted) => check(Math.abs(shown / wanted - 1) < MEASURED, `${shown}, and not about ${wanted}`);
+  near(plain(slowest), Math.min(...speeds));
+  near(plain(fastest), Math.max(...speeds));
+  near(parseFloat(share), 100 * corners.most_of_allowed);
+  rows('Greatest').forEach(([axis, , acceleration]) => {
+    const [greatest, limit] = acceleration.split(' of ').map(Number);
+    check(greatest <= limit * (1 + ENDED), `${axis}: ${acceleration} mm/s²`);
+  });
+  await page.click('#tab-program');
+  const unnamed = await page.$$eval('input, select', (all) => all.filter((field) => !field.ariaLabel && !field.labels.length).map(({ id }) => id));
+  equal(unnamed.join(), '');
+}
+
+async function look(browser, size, trace, figures) {
   const page = await newPage(browser);
   await page.setViewport(size);
   const faults = [];
@@ -208,6 +421,11 @@ async function look(browser, size, trace) {
     await listed(page);
     await played(page, trace);
     await typed(page);
+    await searched(page);
+    await coloured(page);
+    await filtered(page);
+    await labelled(page);
+    await tabled(page, figures);
     const width = await page.evaluate(() => document.documentElement.scrollWidth);
     check(width <= size.width, `the page is ${width} pixels wide`);
     const colours = [];
@@ -227,7 +445,8 @@ async function main() {
   const trace = readTrace();
   const browser = await browse('drawing');
   try {
-    for (const size of SIZES) await look(browser, size, trace);
+    const figures = JSON.parse(fs.readFileSync(figuresFile, 'utf8'));
+    for (const size of SIZES) await look(browser, size, trace, figures);
   } finally {
     await browser.close();
   }

@@ -11,12 +11,14 @@ const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 
 const FRAME: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
 /// In the order in which they need each other.
-const SCRIPTS: [&str; 6] = [
+const SCRIPTS: [&str; 8] = [
     include_str!("page/decode.js"),
     include_str!("page/path.js"),
     include_str!("page/scene.js"),
     include_str!("page/curves.js"),
     include_str!("page/listing.js"),
+    include_str!("page/search.js"),
+    include_str!("page/tables.js"),
     include_str!("page/view.js"),
 ];
 /// Begins a page that has its job in it.

@@ -1,18 +1,33 @@
-//! Speed, acceleration and jerk of each axis over time, of which every peak stays.
+//! Speed, acceleration and jerk of each axis over time, of which every peak stays, and the corners.
+//!
+//! In a corner that `$11` lets pass at speed, the speeds of the axes change at once. These jumps are no part of the
+//! accelerations: the corners are listed with their speeds.
+
+use std::{array, f64::consts::PI};
 
 use leadscrew::{
     axis::AXES,
+    settings::Settings,
     sim::{PlayedSegment, SegmentKind},
-    units::{TICKS_PER_MS, TICKS_PER_SECOND},
+    units::{TICKS_PER_MS, TICKS_PER_SECOND, TICKS_PER_US},
 };
 
-use crate::columns::ColumnWriter;
+use crate::{
+    columns::ColumnWriter,
+    job::Corners,
+    junction::{Point, allowed_mm_s, turn_rad},
+    recording::scales,
+};
 
 /// Most stretches of a curve.
 pub(crate) const STRETCHES: usize = 3000;
-/// Shortest time over which an acceleration is measured, ticks: that of most segments. At a corner the speed
-/// of an axis changes at once, within what `$11` allows.
+/// Shortest time over which an acceleration is measured, ticks: that of most segments.
 const MEASURED: u64 = TICKS_PER_MS as u64 * 9 / 10;
+/// Changes of direction that jump, rad, and those that count as a corner, as with `cargo xtask sim --quality`.
+const KINK_RAD: f64 = 0.5 * PI / 180.0;
+const CORNER_RAD: f64 = 5.0 * PI / 180.0;
+/// Slowest speed that has a direction, mm/min.
+const SLOWEST_MM_MIN: f32 = 0.1;
 /// Levels between zero and the greatest value.
 const LEVELS: f64 = 2000.0;
 
@@ -106,12 +121,14 @@ pub(crate) struct AxisCurves {
     /// Speed and acceleration at the end of what has been measured.
     speed: f64,
     acceleration: f64,
+    /// Jumps of the speed since then.
+    jumps: f64,
 }
 
 impl AxisCurves {
     fn push(&mut self, between_s: [f64; 2], speed: f64) {
         let seconds = between_s[1] - between_s[0];
-        let acceleration = (speed - self.speed) / seconds;
+        let acceleration = (speed - self.speed - std::mem::take(&mut self.jumps)) / seconds;
         let jerk = (acceleration - self.acceleration) / seconds;
         let speeds = [speed.min(self.speed), speed.max(self.speed)];
         for (curve, values) in
@@ -131,12 +148,32 @@ impl AxisCurves {
     }
 }
 
+/// A corner that is passed at speed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Corner {
+    /// Time since the first motion, µs.
+    us: u64,
+    speed_mm_min: f64,
+    /// The speed that the junction deviation allows, mm/min.
+    allowed_mm_min: f64,
+}
+
+impl Corner {
+    fn share(&self) -> f64 {
+        self.speed_mm_min / self.allowed_mm_min
+    }
+}
+
 /// The curves of all axes.
 #[derive(Debug, Clone)]
 pub(crate) struct Curves {
     /// Steps per mm or degree.
     scales: [f64; AXES],
     pub(crate) axes: [AxisCurves; AXES],
+    /// Limit of each axis, mm/s², and the junction deviation, mm.
+    accelerations: Point,
+    deviation_mm: f64,
+    corners: Vec<Corner>,
     /// Start of the first segment, ticks.
     origin: Option<u64>,
     /// How far has been measured, ticks.
@@ -146,10 +183,13 @@ pub(crate) struct Curves {
 }
 
 impl Curves {
-    pub(crate) fn new(scales: [f64; AXES]) -> Self {
+    pub(crate) fn new(settings: &Settings) -> Self {
         Self {
-            scales,
+            scales: scales(settings),
             axes: Default::default(),
+            accelerations: settings.acceleration_mm_s2.0.map(f64::from),
+            deviation_mm: settings.junction_deviation_mm.into(),
+            corners: Vec::new(),
             origin: None,
             measured: 0,
             played: None,
@@ -179,11 +219,70 @@ impl Curves {
                 }
                 self.measured = begins;
             }
+            self.pass_corner(&played, segment, begins - origin);
         } else {
             self.origin = Some(begins);
             self.measured = begins;
         }
         self.played = Some(*segment);
+    }
+
+    /// Takes the corner between two segments, if there is one.
+    fn pass_corner(&mut self, played: &PlayedSegment, segment: &PlayedSegment, ticks: u64) {
+        if played.end_mm_min < SLOWEST_MM_MIN || segment.kind == SegmentKind::Standstill {
+            return;
+        }
+        let speed_mm_s = f64::from(played.end_mm_min) / 60.0;
+        let [before, after] = [played.end_steps_s, segment.begin_steps_s].map(|steps_s| -> Point {
+            array::from_fn(|axis| f64::from(steps_s[axis]) / self.scales[axis] / speed_mm_s)
+        });
+        let turn = turn_rad(&before, &after);
+        // Nothing has a direction whose axes do not move.
+        if turn.is_nan() || turn < KINK_RAD {
+            return;
+        }
+        for (axis, curves) in self.axes.iter_mut().enumerate() {
+            curves.jumps += (after[axis] - before[axis]) * speed_mm_s;
+        }
+        if turn > CORNER_RAD {
+            let allowed = allowed_mm_s(&before, &after, &self.accelerations, self.deviation_mm);
+            self.corners.push(Corner {
+                us: ticks / u64::from(TICKS_PER_US),
+                speed_mm_min: played.end_mm_min.into(),
+                allowed_mm_min: allowed * 60.0,
+            });
+        }
+    }
+
+    /// Appends the corners; of more than [`STRETCHES`], the one of each stretch that uses the most of what is allowed.
+    /// Returns how many are appended, and the figures of all.
+    pub(crate) fn write_corners(&self, bytes: &mut Vec<u8>) -> Corners {
+        let corners = &self.corners;
+        let end_us = corners.last().map_or(0, |corner| corner.us);
+        let stretch = |corner: &Corner| corner.us * STRETCHES as u64 / (end_us + 1);
+        let is_whole = corners.len() <= STRETCHES;
+        let stretches = corners.chunk_by(|a, b| !is_whole && stretch(a) == stretch(b));
+        let kept =
+            stretches.filter_map(|all| all.iter().max_by(|a, b| a.share().total_cmp(&b.share())));
+        let mut columns: [ColumnWriter; 3] = Default::default();
+        let mut written = 0;
+        for corner in kept {
+            columns[0].push(corner.us.cast_signed());
+            columns[1].push(corner.speed_mm_min.round() as i64);
+            columns[2].push(corner.allowed_mm_min.round() as i64);
+            written += 1;
+        }
+        for column in &mut columns {
+            bytes.append(&mut column.bytes);
+        }
+        let speeds = || corners.iter().map(|corner| corner.speed_mm_min);
+        Corners {
+            count: corners.len(),
+            written,
+            slowest: speeds().reduce(f64::min),
+            fastest: speeds().reduce(f64::max),
+            most_of_allowed: corners.iter().map(Corner::share).reduce(f64::max),
+        }
     }
 
     /// Makes all curves as long as a job, with stretches of the same length.
@@ -206,13 +305,22 @@ impl Curves {
 
 #[cfg(test)]
 mod tests {
-    use leadscrew::axis::Axes;
+    use leadscrew::{axis::Axes, settings::assign};
 
     use super::*;
 
+    /// A machine of 10 steps/mm.
+    fn settings() -> Settings {
+        let mut settings = Settings::default();
+        for statement in ["100=10", "101=10", "102=10"] {
+            assign(&mut settings, statement.as_bytes()).expect("the scales are accepted");
+        }
+        settings
+    }
+
     /// An axis that is as fast as the function says at the end of each ms.
     fn curves(ms: u32, speed: impl Fn(u32) -> f32) -> Curves {
-        let mut curves = Curves::new([10.0; AXES]);
+        let mut curves = Curves::new(&settings());
         for number in 0..=ms {
             let mut end_steps_s = Axes([0.0; AXES]);
             end_steps_s[0] = 10.0 * speed(number + 1);
@@ -220,6 +328,7 @@ mod tests {
                 start_ticks: 7 + u64::from(number) * u64::from(TICKS_PER_MS),
                 steps: Axes([0; AXES]),
                 end_mm_min: 0.0,
+                begin_steps_s: end_steps_s,
                 end_steps_s,
                 programmed_mm_min: 0.0,
                 line: 0,
@@ -241,6 +350,42 @@ mod tests {
         assert!((acceleration - 500.0).abs() < 1e-3, "{acceleration}");
         assert!((jerk - 500_000.0).abs() < 1.0, "{jerk}");
         assert!(!curves.axes[1].has_moved());
+    }
+
+    #[test]
+    fn the_jump_of_a_corner_is_no_acceleration() {
+        let mut curves = Curves::new(&settings());
+        // 1 mm/s along X, and from 50 ms on along Y.
+        for number in 0..=100 {
+            let axis = usize::from(number >= 50);
+            let mut steps_s = Axes([0.0; AXES]);
+            steps_s[axis] = 10.0;
+            curves.push(&PlayedSegment {
+                start_ticks: number * u64::from(TICKS_PER_MS),
+                steps: Axes([0; AXES]),
+                end_mm_min: 60.0,
+                begin_steps_s: steps_s,
+                end_steps_s: steps_s,
+                programmed_mm_min: 60.0,
+                line: 1,
+                kind: SegmentKind::Feed,
+                duty: 0,
+            });
+        }
+        for axis in 0..2 {
+            let [_, acceleration, jerk] = &curves.axes[axis].derivatives;
+            // X begins at speed.
+            let begun = if axis == 0 { 1000.0 } else { 0.0 };
+            assert!((acceleration.greatest() - begun).abs() < 1.0, "{axis}");
+            assert!(axis == 0 || jerk.greatest() < 1.0);
+        }
+        let corners = curves.write_corners(&mut Vec::new());
+        // 10 mm/s² and 0.01 mm, as in the tests of the quality.
+        let allowed = 60.0 * (10.0 * 2.0_f64.sqrt() * 0.01 * 2.414_213_562).sqrt();
+        let share = corners.most_of_allowed.expect("there is a corner");
+        assert!((share - 60.0 / allowed).abs() < 1.0e-6, "{share}");
+        assert_eq!((corners.count, corners.written), (1, 1));
+        assert_eq!((corners.slowest, corners.fastest), (Some(60.0), Some(60.0)));
     }
 
     #[test]

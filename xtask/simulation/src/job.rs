@@ -25,6 +25,13 @@ pub struct Job {
     pub(crate) holes: Vec<HoleMark>,
     pub(crate) tool_changes: Vec<PlaceMark>,
     pub(crate) work_zeros: Vec<PlaceMark>,
+    pub(crate) corners: Corners,
+    /// Where tool or spindle speed change, in the order of the lines.
+    pub(crate) programmed: Vec<Programmed>,
+    /// Least and greatest `S` with the spindle or laser on; none without it.
+    pub(crate) speeds_rpm: Option<[f32; 2]>,
+    /// Whether the machine refuses what leaves its travel: `$20`.
+    pub(crate) has_soft_limits: bool,
     pub(crate) settings: Vec<SettingRow>,
     pub(crate) is_laser: bool,
     /// The program, a line each.
@@ -47,6 +54,8 @@ pub(crate) struct Axis {
     pub(crate) is_rotary: bool,
     /// Largest speed, mm/min, acceleration, mm/s², and jerk, mm/s³, or degrees.
     pub(crate) limits: [Option<f64>; 3],
+    /// Ends of the travel in machine coordinates, mm; none without a limit.
+    pub(crate) travel: Option<[f64; 2]>,
     /// Values of a level of its curves, mm/s and so on; none for an axis that stands.
     pub(crate) levels: Option<[f64; 3]>,
 }
@@ -60,13 +69,38 @@ pub struct PathInfo {
     pub(crate) segments: u64,
 }
 
-/// What the time goes into, s.
+/// What holds from a line on.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub(crate) struct Programmed {
+    pub(crate) line: u64,
+    /// The tool in the spindle, 0 for none.
+    pub(crate) tool: u8,
+    /// Programmed speed of the spindle, 0 while it is off and with a laser.
+    pub(crate) rpm: f32,
+}
+
+/// The corners that are passed at speed.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub(crate) struct Corners {
+    /// How many there are, and how many have a place in the curves.
+    pub(crate) count: usize,
+    pub(crate) written: usize,
+    /// Least and greatest speed, mm/min.
+    pub(crate) slowest: Option<f64>,
+    pub(crate) fastest: Option<f64>,
+    /// The greatest ratio of the speed to what `$11` allows.
+    pub(crate) most_of_allowed: Option<f64>,
+}
+
+/// What the time goes into, s, and the distances, mm.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(crate) struct Times {
     pub(crate) cutting: f64,
     pub(crate) rapids: f64,
     pub(crate) standstill: f64,
     pub(crate) other: f64,
+    pub(crate) cutting_mm: f64,
+    pub(crate) rapid_mm: f64,
 }
 
 /// A refused line, or an alarm behind a line.

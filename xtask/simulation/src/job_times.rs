@@ -112,6 +112,7 @@ mod tests {
                 start_ticks: seconds * u64::from(TICKS_PER_SECOND),
                 steps: Axes([0; AXES]),
                 end_mm_min: 60.0,
+                begin_steps_s: Axes([0.0; AXES]),
                 end_steps_s: Axes([0.0; AXES]),
                 programmed_mm_min: 0.0,
                 line: 0,

@@ -24,6 +24,7 @@ pub mod holder;
 pub mod interrupt;
 mod job;
 pub mod job_times;
+pub mod junction;
 #[cfg(feature = "os")]
 pub mod lock;
 pub mod machine;

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use leadscrew::{
     axis::{AXES, Axes, LETTERS, LINEAR},
     gcode::MotionMode,
-    model::Command,
+    model::{Command, Spindle},
     protocol::Session,
     settings::{Setting, Settings},
     sim::{PlayedSegment, SegmentKind, Simulator},
@@ -17,7 +17,7 @@ use crate::{
     curves::Curves,
     drilled_holes,
     figures::Figures,
-    job::{Axis, HoleMark, Job, PathInfo, PlaceMark, Refused, SettingRow, Times},
+    job::{Axis, HoleMark, Job, PathInfo, PlaceMark, Programmed, Refused, SettingRow, Times},
     meaning,
     merge::Merger,
     playing::{self, RaisedAlarm, Recorder},
@@ -47,13 +47,12 @@ pub struct Recording {
 impl Recording {
     /// For a machine as it is before the program.
     pub fn new(session: &Session) -> Self {
-        let scales = scales(session.settings());
         Self {
             marks: MarkRecorder::new(ProgramReader::of(session)),
             text: Vec::new(),
-            merger: Merger::new(scales),
+            merger: Merger::new(scales(session.settings())),
             path: Path::default(),
-            curves: Curves::new(scales),
+            curves: Curves::new(session.settings()),
             before: (0.0, 0, 0),
             segments: 0,
             is_begun: false,
@@ -76,10 +75,16 @@ impl Recording {
                 has_moved.then(|| self.curves.write(axis, &mut curves)),
             )
         });
+        let axes = axes.collect();
+        let corners = self.curves.write_corners(&mut curves);
         let times = &figures.times;
         Job {
             title: title.into(),
-            axes: axes.collect(),
+            axes,
+            corners,
+            programmed: self.marks.programmed,
+            speeds_rpm: self.marks.speeds_rpm,
+            has_soft_limits: settings.soft_limits,
             path: PathInfo {
                 vertices: path.vertices,
                 segments: self.segments,
@@ -90,6 +95,8 @@ impl Recording {
                 rapids: times.rapid_s,
                 standstill: times.standstill_s,
                 other: times.other_s,
+                cutting_mm: times.cutting_mm,
+                rapid_mm: times.rapid_mm,
             },
             lines: figures.lines,
             events: figures.events,
@@ -225,11 +232,16 @@ struct MarkRecorder {
     holes: Vec<HoleMark>,
     tool_changes: Vec<PlaceMark>,
     work_zeros: Vec<PlaceMark>,
+    programmed: Vec<Programmed>,
+    speeds_rpm: Option<[f32; 2]>,
 }
 
 /// What a line marks.
 #[derive(Default)]
 struct Marks {
+    /// What holds from the line on, and `S` where the spindle is on.
+    programmed: Programmed,
+    speed_rpm: Option<f32>,
     holes: Vec<HoleMark>,
     tool_change: Option<PlaceMark>,
     work_zero: Option<PlaceMark>,
@@ -244,6 +256,8 @@ impl MarkRecorder {
             holes: Vec::new(),
             tool_changes: Vec::new(),
             work_zeros: Vec::new(),
+            programmed: Vec::new(),
+            speeds_rpm: None,
         }
     }
 
@@ -253,7 +267,19 @@ impl MarkRecorder {
         let commands = self.reader.line(line);
         let interpreter = self.reader.interpreter();
         let modal = interpreter.modal();
-        let mut marks = Marks::default();
+        let is_on = modal.spindle != Spindle::Off;
+        let speed_rpm = is_on.then_some(modal.speed_rpm);
+        let is_laser = self.reader.settings().laser;
+        let mut marks = Marks {
+            // The power of a laser is that of its moves.
+            programmed: Programmed {
+                line: self.lines,
+                tool: interpreter.loaded_tool(),
+                rpm: speed_rpm.filter(|_| !is_laser).unwrap_or_default(),
+            },
+            speed_rpm,
+            ..Marks::default()
+        };
         if let MotionMode::Cycle(cycle) = modal.motion {
             let found = drilled_holes::holes_of_line(interpreter, cycle, from, &commands);
             let named = found.into_iter().map(|hole| HoleMark {
@@ -284,6 +310,16 @@ impl MarkRecorder {
         let marks = self.pending.pop_front().unwrap_or_default();
         if is_refused {
             return;
+        }
+        let programmed = marks.programmed;
+        let is_same =
+            |before: &Programmed| (before.tool, before.rpm) == (programmed.tool, programmed.rpm);
+        if !self.programmed.last().is_some_and(is_same) && self.programmed.len() < KEPT {
+            self.programmed.push(programmed);
+        }
+        if let Some(rpm) = marks.speed_rpm {
+            let [least, greatest] = self.speeds_rpm.unwrap_or([rpm; 2]);
+            self.speeds_rpm = Some([least.min(rpm), greatest.max(rpm)]);
         }
         self.holes.extend(marks.holes);
         self.holes.truncate(KEPT);
@@ -322,6 +358,7 @@ fn axis_of(settings: &Settings, axis: usize, levels: Option<[f64; 3]>) -> Axis {
         scale: scales(settings)[axis],
         is_rotary: axis >= LINEAR,
         limits: limits.map(|limit| limit.map(f64::from)),
+        travel: settings.travel(axis).map(|ends| ends.map(Nm::to_mm_f64)),
         levels,
     }
 }

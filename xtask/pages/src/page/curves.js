@@ -18,8 +18,8 @@ function short(value) {
 }
 
 class Curves {
-  constructor(canvas, path, derived, stretch) {
-    Object.assign(this, { canvas, path, derived, stretch });
+  constructor(canvas, path, { derived, corners }, stretch) {
+    Object.assign(this, { canvas, path, derived, corners, stretch });
     this.context = canvas.getContext('2d');
     this.range = [0, Math.max(path.end, 1e-3)];
     this.what = 'speed';
@@ -30,11 +30,12 @@ class Curves {
 
   /** What can be shown. */
   choices() {
-    const power = this.path.strongest > 0 ? [['power', 'Power']] : [];
+    const power = this.path.strongest > 0 ? [['power', this.path.facts.is_laser ? 'Laser power' : 'Spindle speed']] : [];
+    const corners = this.corners.length ? [['corners', 'Corners']] : [];
     const rotary = this.path.rotary.length ? [['rotary', 'Rotary axes']] : [];
     return [
       ['speed', 'Speed along the path'], ['0', 'Speed of each axis'], ['1', 'Acceleration'], ['2', 'Jerk'],
-      ...power, ...rotary,
+      ...corners, ...power, ...rotary,
     ];
   }
 
@@ -104,9 +105,16 @@ class Curves {
       }];
     }
     if (what === 'power') {
-      const bands = this.ofPieces(width, (piece) => 100 * path.power[piece], (piece) => 100 * path.powerBefore[piece + 1]);
-      const title = facts.is_laser ? 'laser, % of full power' : 'spindle, % of full power';
-      return [{ title, bands, colour: colours.curve, range: [0, 105] }];
+      const scale = facts.is_laser ? 100 : 1;
+      const bands = this.ofPieces(width, (piece) => scale * path.power[piece], (piece) => scale * path.powerBefore[piece + 1]);
+      const title = facts.is_laser ? 'laser, % of full power' : 'programmed speed of the spindle, rpm';
+      return [{ title, bands, colour: colours.curve, range: [0, facts.is_laser ? 105 : path.strongest * 1.08] }];
+    }
+    if (what === 'corners') {
+      const top = 1.3 * this.corners.reduce((most, { speed }) => Math.max(most, speed), 1);
+      return [{
+        title: `speed in corners of 5° and more, ${unit}/min; dashes: allowed by $11`, corners: this.corners, colour: colours.curve, range: [0, top],
+      }];
     }
     if (what === 'rotary') {
       return path.rotary.map((axis) => {
@@ -128,7 +136,7 @@ class Curves {
       const isBeyond = limit && greatest > 1.02 * limit;
       const top = isBeyond ? Math.min(greatest * 1.1, 3 * limit) : Math.max((limit || 0) * 1.25, greatest * 1.1, 1e-3);
       const note = limit ? `limit ${short(limit)}` : `no limit is set, greatest ${short(greatest)}`;
-      const beyond = isBeyond ? `; at corners ($11) up to ${short(greatest)}` : '';
+      const beyond = isBeyond ? `; up to ${short(greatest)}` : '';
       const name = `${title} of ${axis.letter}, ${axis.is_rotary ? '°' : 'mm'}/${per}; ${note}${beyond}`;
       const number = 'XYZABC'.indexOf(axis.letter);
       return { title: name, bands, colour: colours.axes[number % 3], range: [-top, top], limit };
@@ -145,6 +153,7 @@ class Curves {
     context.font = '11px system-ui, sans-serif';
     context.textBaseline = 'middle';
     this.width = width - LEFT - 8;
+    this.covered = document.getElementById('what').offsetWidth;
     const lanes = this.lanes(Math.floor(this.width));
     const each = (height - TIMES) / Math.max(1, lanes.length);
     lanes.forEach((lane, index) => this.lane(lane, index * each, each - GAP));
@@ -152,8 +161,8 @@ class Curves {
     context.textAlign = 'center';
     const step = roundStep((range[1] - range[0]) / Math.max(2, this.width / 90));
     for (let time = Math.ceil(range[0] / step) * step; time <= range[1]; time += step) {
-      const x = this.pixel(time);
-      context.fillText(`${+time.toPrecision(6)} s`, x, height - TIMES / 2);
+      const text = `${+time.toPrecision(6)} s`;
+      context.fillText(text, Math.min(this.pixel(time), width - context.measureText(text).width / 2), height - TIMES / 2);
     }
     const x = this.pixel(this.now);
     if (x >= LEFT && x <= width) {
@@ -186,7 +195,9 @@ class Curves {
     }
     context.textAlign = 'left';
     context.fillStyle = colours.text;
-    context.fillText(lane.title, LEFT, top + 6);
+    // Beside the field that chooses.
+    const free = top < title ? this.width - this.covered : this.width;
+    context.fillText(lane.title, LEFT, top + 6, free);
     context.save();
     context.beginPath();
     context.rect(LEFT, top + title - 1, this.width, height - title + 2);
@@ -207,7 +218,7 @@ class Curves {
       this.band(lane.beside, y, colours.faint);
       context.setLineDash([]);
     }
-    this.band(lane.bands, y, lane.colour);
+    if (lane.bands) this.band(lane.bands, y, lane.colour); else this.bars(lane.corners, y, lane.colour);
     context.restore();
   }
 
@@ -230,6 +241,25 @@ class Curves {
       isBegun = true;
     });
     context.stroke();
+  }
+
+  /** The speeds of corners as bars, and what is allowed as dashes across them. */
+  bars(corners, y, colour) {
+    const { context, colours } = this;
+    const stroke = (ink, width, draw) => {
+      [context.strokeStyle, context.lineWidth] = [ink, width];
+      context.beginPath();
+      corners.forEach((corner) => draw(this.pixel(corner.time), corner));
+      context.stroke();
+    };
+    stroke(colour, 1.4, (x, { speed }) => {
+      context.moveTo(x, y(0));
+      context.lineTo(x, y(speed));
+    });
+    stroke(colours.bad, 1.6, (x, { allowed }) => {
+      context.moveTo(x - 4, y(allowed));
+      context.lineTo(x + 4, y(allowed));
+    });
   }
 
   pixel(time) {

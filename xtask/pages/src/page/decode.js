@@ -60,18 +60,21 @@ function decodePath(bytes, facts) {
   return { count, time, place, speed, line, kind, programmed, powerBefore, power };
 }
 
-/** Least and greatest values of speed, acceleration and jerk of each axis that moves. */
+/** Least and greatest values of speed, acceleration and jerk of each axis that moves, and the corners. */
 function decodeCurves(bytes, facts) {
   const columns = new Columns(bytes);
   const moving = facts.axes.filter((axis) => axis.levels);
   // The curves are equally long; the last byte of each number has no high bit.
-  const numbers = bytes.reduce((sum, byte) => sum + (byte < 128), 0);
+  const corners = facts.corners.written;
+  const numbers = bytes.reduce((sum, byte) => sum + (byte < 128), 0) - 3 * corners;
   const count = moving.length ? numbers / (6 * moving.length) : 0;
-  return moving.map((axis) => ({
+  const derived = moving.map((axis) => ({
     axis,
     derivatives: axis.levels.map((level) => ({
       least: columns.sums(count, level),
       greatest: columns.sums(count, level),
     })),
   }));
+  const [times, speeds, allowed] = [1e-6, 1, 1].map((scale) => columns.sums(corners, scale));
+  return { derived, corners: [...times].map((time, index) => ({ time, speed: speeds[index], allowed: allowed[index] })) };
 }

@@ -12,6 +12,7 @@ class Listing {
     this.refused = refused;
     this.current = 0;
     this.hovered = 0;
+    this.found = new Set();
     this.made = new Map();
     this.height = Math.min(HIGHEST, lines.length * ROW);
     this.rows.style.height = `${this.height}px`;
@@ -47,8 +48,11 @@ class Listing {
       row.style.transform = `translateY(${element.scrollTop + (number - 1 - top) * ROW}px)`;
       row.classList.toggle('current', number === this.current);
       row.classList.toggle('hovered', number === this.hovered);
+      row.classList.toggle('found', this.found.has(number));
       row.setAttribute('aria-selected', number === this.current);
     }
+    if (made.has(this.current)) element.setAttribute('aria-activedescendant', `line-${this.current}`);
+    else element.removeAttribute('aria-activedescendant');
   }
 
   row(number) {
@@ -80,7 +84,6 @@ class Listing {
       const wanted = Math.min(Math.max(0, number - 1 - seen / 2), Math.max(0, whole));
       this.element.scrollTop = whole > 0 ? wanted / whole * (this.height - this.element.clientHeight) : 0;
     }
-    this.element.setAttribute('aria-activedescendant', `line-${number}`);
     this.render();
   }
 

@@ -56,8 +56,32 @@ class Path {
     this.facts = facts;
     this.pieces = Math.max(0, this.count - 1);
     this.end = this.count ? this.time[this.count - 1] : 0;
+    this.follow();
     this.measure();
     this.index(facts.lines);
+  }
+
+  /** The tool of each piece; the speed of a spindle in place of its power. */
+  follow() {
+    const { facts: { programmed, is_laser: isLaser }, count, line } = this;
+    this.tool = new Uint8Array(count);
+    const rpm = new Float64Array(count);
+    let at = 0;
+    for (let row = 0; row < count && programmed.length; row += 1) {
+      while (at + 1 < programmed.length && programmed[at + 1].line <= line[row]) at += 1;
+      while (at > 0 && programmed[at].line > line[row]) at -= 1;
+      this.tool[row] = programmed[at].tool;
+      rpm[row] = programmed[at].rpm;
+    }
+    if (isLaser) return;
+    const speeds = (powers, back) => powers.map((power, row) => (power > 0 ? rpm[Math.max(0, row - back)] : 0));
+    [this.power, this.powerBefore] = [speeds(this.power, 0), speeds(this.powerBefore, 1)];
+  }
+
+  /** A power of the laser, or a speed of the spindle, in words. */
+  strength(value) {
+    if (this.facts.is_laser) return `${Math.round(100 * value)} %`;
+    return value > 0 ? `${grouped(value)} rpm` : 'off';
   }
 
   /** A point as it is drawn: work on a rotary axis turns with it, about the machine's axes. */
@@ -107,6 +131,10 @@ class Path {
         this.rapids += kind[row] === KIND.RAPID;
       }
     }
+    const isFeed = (value, piece) => kind[piece] === KIND.FEED;
+    this.tools = [...new Set(this.tool.filter(isFeed))].sort((a, b) => a - b);
+    const programmed = this.programmed.filter(isFeed);
+    this.feedRange = programmed.reduce(([least, most], feed) => [Math.min(least, feed), Math.max(most, feed)], [Infinity, 0]);
     if (!this.feeds) [this.cutLow, this.cutHigh] = [[...this.low], [...this.high]];
   }
 

@@ -2,6 +2,8 @@
 
 const GRADIENT = ['#3155c4', '#1c9fb5', '#4fb548', '#e9b52c', '#d6402b'];
 const OTHER = '#a05fc0';
+const OUTSIDE = '#e0109f';
+const EVERYWHERE = 1e9;
 // Widths on the screen, pixels.
 const WIDTHS = { feed: 2.4, rapid: 1.1, chosen: 4 };
 // More pieces than this are drawn thin, and in motion coarsely.
@@ -16,13 +18,14 @@ const VIEWS = {
 const VERTEX_SHADER = `#version 300 es
 uniform vec3 target, right, up, back;
 uniform vec2 size;
-uniform float zoom, depth, feedWidth, rapidWidth;
+uniform float zoom, depth, feedWidth, rapidWidth, rapids;
 layout(location = 0) in vec3 from;
 layout(location = 1) in vec3 to;
 layout(location = 2) in vec2 fromTimeWay;
 layout(location = 3) in vec2 toTimeWay;
 layout(location = 4) in vec3 values;
 out float time, way, value;
+out vec3 place;
 flat out float kind;
 vec3 onScreen(vec3 point) {
   vec3 off = point - target;
@@ -43,15 +46,17 @@ void main() {
   time = isEnd ? toTimeWay.x : fromTimeWay.x;
   way = isEnd ? toTimeWay.y : fromTimeWay.y;
   value = isEnd ? values.y : values.x;
-  gl_Position = kind == 0.0 ? vec4(2.0, 2.0, 2.0, 1.0) : vec4(2.0 * at.xy / size, at.z, 1.0);
+  place = isEnd ? to : from;
+  gl_Position = kind == 0.0 || kind == 1.0 && rapids == 0.0 ? vec4(2.0, 2.0, 2.0, 1.0) : vec4(2.0 * at.xy / size, at.z, 1.0);
 }`;
 
 const FRAGMENT_SHADER = `#version 300 es
 precision highp float;
-uniform vec3 gradient[5], rapidColour, otherColour;
+uniform vec3 gradient[5], rapidColour, otherColour, outside, travelLow, travelHigh;
 uniform vec4 chosen;
 uniform float now, dash;
 in float time, way, value;
+in vec3 place;
 flat in float kind;
 out vec4 colour;
 vec3 ramp(float share) {
@@ -62,12 +67,21 @@ vec3 ramp(float share) {
 void main() {
   if (kind == 1.0 && chosen.a == 0.0 && mod(way, dash) > 0.55 * dash) discard;
   vec3 plain = kind == 1.0 ? rapidColour : kind == 2.0 ? ramp(value) : otherColour;
+  if (any(lessThan(place, travelLow)) || any(greaterThan(place, travelHigh))) plain = outside;
   float alpha = time > now ? 0.16 : kind == 1.0 ? 0.75 : 1.0;
   colour = chosen.a > 0.0 ? chosen : vec4(plain * alpha, alpha);
 }`;
 
 function rgb(hex) {
   return [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16) / 255);
+}
+
+/** The colour of a share, as the picture draws it. */
+function ramp(share) {
+  const place = Math.min(1, Math.max(0, share)) * 4;
+  const index = Math.min(3, Math.floor(place));
+  const [from, to] = [index, index + 1].map((at) => rgb(GRADIENT[at]));
+  return `rgb(${from.map((part, at) => Math.round(255 * (part + (to[at] - part) * (place - index))))})`;
 }
 
 /** A step of 1, 2 or 5 times a power of ten that is at least so long. */
@@ -114,11 +128,19 @@ class Scene {
     this.path = path;
     this.stage = stage;
     [this.below, this.canvas, this.above] = stage.querySelectorAll('canvas');
+    this.legend = stage.querySelector('#legend');
     this.camera = new Camera();
     this.now = path.end;
     this.chosen = [];
     this.marks = { colours: {}, zeros: [], holes: [], changes: [], refused: [] };
     this.isMoving = false;
+    this.hasRapids = true;
+    const travels = path.facts.axes.slice(0, 3).map(({ travel }) => travel);
+    // Work on a rotary axis is not drawn where the machine goes.
+    this.hasTravel = path.count > 0 && !path.rotary.length && travels.some(Boolean);
+    this.travel = [0, 1].map((end) => travels.map((travel, axis) => (
+      travel ? travel[end] : [path.low, path.high][end][axis])));
+    this.showsTravel = false;
     // What a live page draws over all: it has bounds of its own.
     this.live = null;
     this.unit = 'mm';
@@ -164,16 +186,22 @@ class Scene {
     }
   }
 
-  /** Colours the feed moves by `speed`, `share` or `power`. */
+  /** The shares of the gradient at both ends of a piece, by `speed`, `share`, `power`, `depth` or `tool`. */
+  shares(by, piece, next) {
+    const { path, path: { cutLow: [, , low], cutHigh: [, , high] } } = this;
+    const of = (pair, whole) => pair.map((value) => (whole ? value / whole : 0));
+    if (by === 'depth') return of([piece, next].map((row) => path.xyz[3 * row + 2] - low), high - low);
+    if (by === 'tool') return of([0, 0].map(() => path.tools.indexOf(path.tool[piece])), path.tools.length - 1);
+    if (by === 'power') return of([path.power[piece], path.powerBefore[next]], path.strongest);
+    return of([path.speed[piece], path.speed[next]], by === 'share' ? path.programmed[piece] : path.fastestFeed);
+  }
+
+  /** Colours the feed moves. */
   colour(by) {
     const { path, values, gl } = this;
     for (let piece = 0; piece < path.count; piece += 1) {
       const next = Math.min(piece + 1, path.count - 1);
-      const whole = by === 'share' ? path.programmed[piece] : path.fastestFeed;
-      const [a, b] = by === 'power'
-        ? [path.power[piece], path.powerBefore[next]].map((power) => power / (path.strongest || 1))
-        : [path.speed[piece], path.speed[next]].map((speed) => (whole ? speed / whole : 0));
-      values.set([a, b, path.kind[piece]], 3 * piece);
+      values.set([...this.shares(by, piece, next), path.kind[piece]], 3 * piece);
     }
     if (gl) {
       gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.values);
@@ -214,6 +242,10 @@ class Scene {
     const [least, most] = path.count ? [path.low, path.high] : box;
     const low = box[0].map((value, axis) => Math.max(Math.min(least[axis], been[0][axis]), value - reach));
     const high = box[1].map((value, axis) => Math.min(Math.max(most[axis], been[1][axis]), value + reach));
+    if (this.showsTravel) {
+      this.travel[0].forEach((end, axis) => { low[axis] = Math.min(low[axis], end); });
+      this.travel[1].forEach((end, axis) => { high[axis] = Math.max(high[axis], end); });
+    }
     camera.target = low.map((value, axis) => (value + high[axis]) / 2);
     const { right, up } = camera.axes();
     const extent = (direction) => direction.reduce((sum, part, axis) => sum + Math.abs(part) * (high[axis] - low[axis]), 0);
@@ -286,6 +318,13 @@ class Scene {
     gl.uniform3fv(uniform('gradient'), GRADIENT.flatMap(rgb));
     gl.uniform3fv(uniform('rapidColour'), rgb(this.marks.colours.rapid || '#888888'));
     gl.uniform3fv(uniform('otherColour'), rgb(OTHER));
+    gl.uniform3fv(uniform('outside'), rgb(OUTSIDE));
+    gl.uniform1f(uniform('rapids'), this.hasRapids);
+    // Where a limit is, single precision may be off by less than a micrometre.
+    [['travelLow', -1], ['travelHigh', 1]].forEach(([name, sign], end) => gl.uniform3fv(
+      uniform(name),
+      this.travel[end].map((value) => (this.showsTravel ? value + sign * 1e-3 : sign * EVERYWHERE)),
+    ));
     gl.uniform4f(uniform('chosen'), 0, 0, 0, 0);
     const width = (name) => Math.max(1 / ratio, isThin ? 1.2 : WIDTHS[name]);
     gl.uniform1f(uniform('feedWidth'), width('feed'));
@@ -295,6 +334,7 @@ class Scene {
     gl.disable(gl.DEPTH_TEST);
     this.chosen.forEach(({ first, last, colour, line }) => {
       gl.uniform4f(uniform('chosen'), ...rgb(colour), 1);
+      gl.uniform1f(uniform('rapids'), 1);
       ['feedWidth', 'rapidWidth'].forEach((name) => gl.uniform1f(uniform(name), WIDTHS.chosen));
       this.runs(first, last, line).forEach(([from, to]) => this.drawPieces(from, to - from, 1));
     });
@@ -355,7 +395,38 @@ class Scene {
     context.setLineDash([]);
   }
 
-  /** A grid at the bottom, and the box around what is cut, with its sizes. */
+  /**
+   * A text on a plate, wholly inside of the picture, with a part of its width before a place; none where the place
+   * is outside.
+   */
+  label(context, text, [x, y], colour, before = 0.5) {
+    const [width, height] = this.size;
+    if (x < 0 || y < 0 || x > width || y > height) return;
+    // Beside the legend, unless it covers the whole text.
+    const { offsetLeft, offsetTop, offsetHeight } = this.legend;
+    const isLevel = y > offsetTop - 8 && y < offsetTop + offsetHeight + 8;
+    const wide = context.measureText(text).width + 6;
+    const wanted = x - 3 - before * (wide - 6);
+    const right = isLevel && wanted < offsetLeft ? offsetLeft : width;
+    const left = Math.max(2, Math.min(right - wide - 2, wanted));
+    const middle = Math.max(10, Math.min(height - 10, y));
+    context.globalAlpha = 0.75;
+    context.fillStyle = this.marks.colours.page;
+    context.fillRect(left, middle - 8, wide, 16);
+    context.globalAlpha = 1;
+    context.fillStyle = colour;
+    context.textAlign = 'left';
+    context.fillText(text, left + 3, middle);
+  }
+
+  /** The twelve edges between two corners. */
+  edges(low, high) {
+    const corner = (bits) => [0, 1, 2].map((axis) => (bits >> axis & 1 ? high[axis] : low[axis]));
+    const all = [0, 1, 2, 3, 4, 5, 6, 7];
+    return all.flatMap((bits) => [1, 2, 4].filter((bit) => !(bits & bit)).map((bit) => [corner(bits), corner(bits | bit)]));
+  }
+
+  /** A grid at the bottom, the box around what is cut, with its sizes, and the travel of the machine. */
   renderBelow() {
     const context = this.plain(this.below);
     const { marks: { colours } } = this;
@@ -371,13 +442,11 @@ class Scene {
     for (let y = from[1]; y <= to[1]; y += 1) grid.push([[from[0] * step, y * step, low[2]], [to[0] * step, y * step, low[2]]]);
     this.lines(context, grid, colours.grid);
     const corner = (bits) => [0, 1, 2].map((axis) => (bits >> axis & 1 ? high[axis] : low[axis]));
-    const edges = [];
-    for (let bits = 0; bits < 8; bits += 1) {
-      [1, 2, 4].filter((bit) => !(bits & bit)).forEach((bit) => edges.push([corner(bits), corner(bits | bit)]));
+    this.lines(context, this.edges(low, high), colours.box);
+    if (this.showsTravel) {
+      this.lines(context, this.edges(...this.travel), colours.accent, [6, 4]);
+      this.label(context, 'travel of the machine', this.project(this.travel[0]), colours.accent);
     }
-    this.lines(context, edges, colours.box);
-    context.fillStyle = colours.faint;
-    context.textAlign = 'center';
     [[0, 1], [0, 2], [1, 4]].forEach(([bits, bit], axis) => {
       const [a, b] = [corner(bits), corner(bits | bit)];
       const [p, q] = [this.project(a), this.project(b)];
@@ -387,9 +456,9 @@ class Scene {
       const off = [middle[0] - away[0], middle[1] - away[1]];
       const length = Math.hypot(...off) || 1;
       const text = `${'XYZ'[axis]} ${(high[axis] - low[axis]).toFixed(2)}`;
-      context.fillText(text, middle[0] + off[0] / length * 22, middle[1] + off[1] / length * 14);
+      this.label(context, text, [middle[0] + off[0] / length * 22, middle[1] + off[1] / length * 14], colours.faint);
     });
-    context.fillText(`grid ${step} ${this.unit}`, 44, this.size[1] - 12);
+    this.label(context, `grid ${step} ${this.unit}`, [9, this.size[1] - 12], colours.faint, 0);
   }
 
   /** Zeros, holes, tool changes, refused lines, start, end, and the tool. */
@@ -398,14 +467,13 @@ class Scene {
     const { path, marks, marks: { colours } } = this;
     this.triads(context);
     context.lineWidth = 1.4;
-    context.textAlign = 'left';
     const sign = (at, draw, text, colour) => {
       const [x, y] = this.project(at);
       [context.strokeStyle, context.fillStyle] = [colour, colour];
       context.beginPath();
       draw(x, y);
       context.stroke();
-      if (text) context.fillText(text, x + 9, y - 8);
+      if (text) this.label(context, text, [x - 9, y - 8], colour, 1);
     };
     const round = (radius) => (x, y) => context.arc(x, y, radius, 0, 2 * Math.PI);
     marks.holes.slice(0, 4000).forEach(({ top, bottom }) => {
@@ -448,7 +516,6 @@ class Scene {
   /** The axes at the work zeros, and the machine's zero. */
   triads(context) {
     const { marks: { colours, zeros } } = this;
-    context.textAlign = 'center';
     context.lineWidth = 1.6;
     const length = 34 / this.camera.zoom;
     zeros.slice(0, 12).forEach(({ name, at }) => {
@@ -458,12 +525,10 @@ class Scene {
         const [x, y] = this.project(tip);
         const [ox, oy] = this.project(at);
         if (Math.hypot(x - ox, y - oy) < 8) return;
-        context.fillStyle = colours.axes[axis];
-        context.fillText('XYZ'[axis], ox + (x - ox) * 1.25, oy + (y - oy) * 1.25);
+        this.label(context, 'XYZ'[axis], [ox + (x - ox) * 1.25, oy + (y - oy) * 1.25], colours.axes[axis]);
       });
-      context.fillStyle = colours.text;
       const [x, y] = this.project(at);
-      context.fillText(name, x, y + 12);
+      this.label(context, name, [x, y + 14], colours.text);
     });
     const [x, y] = this.project([0, 0, 0]);
     context.strokeStyle = colours.text;
@@ -476,10 +541,7 @@ class Scene {
     context.lineTo(x, y + 8);
     context.stroke();
     const isApart = zeros.every(({ at }) => Math.hypot(...at) * this.camera.zoom > 30);
-    if (isApart) {
-      context.fillStyle = colours.faint;
-      context.fillText('machine zero', x, y + 16);
-    }
+    if (isApart) this.label(context, 'machine zero', [x, y + 18], colours.faint);
   }
 
   /** The piece that is nearest to a place on the screen, and on which part of its way. */
@@ -495,7 +557,8 @@ class Scene {
       const bx = size[0] / 2 + (dx * right[0] + dy * right[1] + dz * right[2]) * zoom;
       const by = size[1] / 2 - (dx * up[0] + dy * up[1] + dz * up[2]) * zoom;
       const bd = dx * back[0] + dy * back[1] + dz * back[2];
-      if (row > 0 && path.kind[row - 1] !== KIND.STANDSTILL) {
+      const kind = row > 0 ? path.kind[row - 1] : KIND.STANDSTILL;
+      if (kind !== KIND.STANDSTILL && (kind !== KIND.RAPID || this.hasRapids)) {
         const [wx, wy] = [bx - ax, by - ay];
         const whole = wx * wx + wy * wy;
         const part = whole > 0 ? Math.min(1, Math.max(0, ((x - ax) * wx + (y - ay) * wy) / whole)) : 0;

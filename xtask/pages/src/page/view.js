@@ -44,6 +44,8 @@ class View {
     this.connectListing();
     this.connectCurves();
     this.connectTabs();
+    this.connectFilters();
+    this.search = new Search(this);
     this.connectKeys();
     this.setTime(this.path.end);
     // The reader begins at the top of the program.
@@ -73,7 +75,6 @@ class View {
     colours.axes = ['x', 'y', 'z'].map((name) => style.getPropertyValue(`--${name}`).trim());
     this.scene.marks.colours = colours;
     this.curves.colours = colours;
-    $('ramp').style.background = `linear-gradient(90deg, ${GRADIENT.join(', ')})`;
     this.scene.ask();
     this.curves.ask();
   }
@@ -96,7 +97,8 @@ class View {
       $('times').append(part);
     });
     if (!(path.strongest > 0)) $('colour').querySelector('[value=power]').remove();
-    else $('colour').querySelector('[value=power]').textContent = facts.is_laser ? 'laser power' : 'spindle power';
+    else $('colour').querySelector('[value=power]').textContent = facts.is_laser ? 'laser power' : 'spindle speed';
+    if (path.tools.length < 2) $('colour').querySelector('[value=tool]').remove();
     $('colour').addEventListener('change', () => this.colour($('colour').value));
     this.colour('speed');
     const hasOthers = path.kind.some((kind) => kind > KIND.FEED);
@@ -111,67 +113,15 @@ class View {
     const ends = {
       speed: ['0', `${grouped(path.fastestFeed)} mm/min`],
       share: ['0', '100 %'],
-      power: ['0', `${Math.round(100 * path.strongest)} %`],
+      power: ['0', path.strength(path.strongest)],
+      depth: [path.cutLow, path.cutHigh].map(([, , z]) => `Z ${z.toFixed(3)}`),
+      tool: path.tools.map((tool) => `T${tool}`),
     }[by];
-    document.querySelectorAll('#ends span').forEach((end, index) => { end.textContent = ends[index]; });
-  }
-
-  /** The tables of the job and its settings, as soon as somebody wants to see them. */
-  tables() {
-    const { facts, path } = this;
-    this.hasTables = true;
-    const table = (parent, title, rows) => {
-      if (!rows.length) return;
-      const made = element('table');
-      const head = element('tr');
-      head.append(element('th', title));
-      head.firstChild.colSpan = 9;
-      made.append(head);
-      rows.forEach(({ cells, line, kind = '' }) => {
-        const row = element('tr', '', kind);
-        cells.forEach((cell) => row.append(element('td', cell, /^[-$\d]|^(error|ALARM):/.test(cell) ? 'number' : '')));
-        if (line) row.dataset.line = line;
-        made.append(row);
-      });
-      parent.append(made);
-    };
-    const at = ({ line, name, at: place }) => ({ line, cells: [`${line}`, name, place.map((value) => value.toFixed(3)).join(' ')] });
-    const refusals = (all) => all.slice(0, 1000).map(({ line, name, why }) => ({ line, kind: 'bad', cells: [`${line}`, name, why] }));
-    const extents = (low, high) => (path.count ? [0, 1, 2].map((axis) => ({
-      cells: ['XYZ'[axis], `${low[axis].toFixed(3)}`, `${high[axis].toFixed(3)}`, `${(high[axis] - low[axis]).toFixed(3)} mm`],
-    })) : []);
-    const job = $('job');
-    table(job, 'Alarms', refusals(facts.alarms));
-    table(job, `Refused lines (${grouped(facts.refused_count)})`, refusals(facts.refused));
-    table(job, 'Extents of what is cut, machine position, mm', extents(path.cutLow, path.cutHigh));
-    table(job, 'Extents of the whole path', extents(path.low, path.high));
-    table(job, 'Work zeros', facts.work_zeros.map(at));
-    table(job, 'Tool changes', facts.tool_changes.map(at));
-    table(job, `Holes (${grouped(facts.holes.length)})`, facts.holes.slice(0, 1000).map(({ line, name, bottom }) => at({ line, name, at: bottom })));
-    const { cutting, rapids, standstill, other } = facts.times;
-    const times = [['cutting', cutting], ['rapids', rapids], ['standing still', standstill], ['homing, probing, jogs', other], ['together', path.end]];
-    table(job, 'Time', times.filter(([, seconds]) => seconds > 0).map(([name, seconds]) => ({ cells: [name, `${seconds.toFixed(3)} s`] })));
-    const fastest = this.curves.derived.map(({ axis, derivatives }) => ({
-      cells: [axis.letter, ...derivatives.map(({ least, greatest }, index) => {
-        const value = Math.max(...greatest.map((high, place) => Math.max(high, -least[place]))) * (index ? 1 : 60);
-        const limit = axis.limits[index];
-        return `${short(value)}${limit ? ` of ${short(limit)}` : ''}`;
-      })],
-    }));
-    table(job, 'Greatest speed (mm/min), acceleration (mm/s²) and jerk (mm/s³), of the limit', fastest);
-    table(job, 'The run', [
-      { cells: ['step events', grouped(facts.events)] }, { cells: ['hash of them', facts.hash] },
-      { cells: ['segments', grouped(facts.path.segments)] }, { cells: ['points of the path', grouped(facts.path.vertices)] },
-      { cells: ['state at the end', facts.end] },
-    ]);
-    job.addEventListener('click', (event) => {
-      const row = event.target.closest('tr[data-line]');
-      if (row) this.choose(Number(row.dataset.line));
-    });
-    const rows = (changed) => facts.settings.filter(({ is_changed: is }) => is === changed)
-      .map(({ text, name, unit }) => ({ kind: changed ? 'changed' : '', cells: [text, `${name}${unit ? `, ${unit}` : ''}`] }));
-    table($('settings'), 'Settings that are not those of a new machine', rows(true));
-    table($('settings'), 'All others', rows(false));
+    $('ends').replaceChildren(...ends.map((end) => element('span', end)));
+    // A tool has one colour, everything else all between two.
+    const colours = by === 'tool' ? ends.flatMap((end, index) => (
+      [index, index + 1].map((edge) => `${ramp(index / (ends.length - 1))} ${100 * edge / ends.length}%`))) : GRADIENT;
+    $('ramp').style.background = `linear-gradient(90deg, ${colours.join(', ')})`;
   }
 
   /** Goes to a time; the picture, the curves and the program follow. */
@@ -185,7 +135,7 @@ class View {
     const { place, speed, programmed, kind, line, power } = this.state;
     const places = place.map((value, axis) => `${this.facts.axes[axis].letter}${value.toFixed(3)}`).join(' ');
     const share = programmed && kind === KIND.FEED ? ` of ${grouped(programmed)}` : '';
-    const strength = path.strongest > 0 ? `  ${this.facts.is_laser ? 'laser' : 'spindle'} ${Math.round(100 * power)} %` : '';
+    const strength = path.strongest > 0 ? `  ${this.facts.is_laser ? 'laser' : 'spindle'} ${path.strength(power)}` : '';
     $('moment').textContent = `${this.now.toFixed(3)} s  ${places}  ${grouped(speed)}${share} mm/min${strength}`;
     this.select(line);
     this.scene.ask();
@@ -404,6 +354,25 @@ class View {
     });
   }
 
+  /** What is drawn of the path: rapids, and the travel with what lies outside. */
+  connectFilters() {
+    const { scene, facts } = this;
+    $('rapids').addEventListener('change', () => {
+      scene.hasRapids = $('rapids').checked;
+      scene.ask();
+    });
+    const show = () => {
+      scene.showsTravel = $('travel').checked;
+      document.querySelector('#kinds .outside').hidden = !scene.showsTravel;
+      scene.fit();
+    };
+    $('travel').parentElement.hidden = !scene.hasTravel;
+    $('travel').addEventListener('change', show);
+    // Without soft limits, where the travel lies is known only once the machine has homed.
+    $('travel').checked = scene.hasTravel && facts.has_soft_limits;
+    show();
+  }
+
   connectCurves() {
     const { curves } = this;
     const { canvas } = curves;
@@ -448,7 +417,11 @@ class View {
     const tabs = [...document.querySelectorAll('[role=tab]')];
     tabs.forEach((tab, index) => {
       tab.addEventListener('click', () => {
-        if (tab.id !== 'tab-program' && !this.hasTables) this.tables();
+        if (tab.id !== 'tab-program' && !this.hasTables) {
+          this.hasTables = true;
+          showTables(this);
+        }
+        $('find').hidden = tab.id !== 'tab-program';
         tabs.forEach((other) => {
           other.setAttribute('aria-selected', other === tab);
           $(other.getAttribute('aria-controls')).hidden = other !== tab;
@@ -475,11 +448,18 @@ class View {
       scene.move();
     });
     document.addEventListener('keydown', (event) => {
-      if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches('input, select')) return;
+      const writes = event.target.matches('input:not([type=checkbox]), select');
+      // In the field itself, the keys are the browser's own search.
+      if ((event.ctrlKey || event.metaKey) && event.key === 'f' && !writes) {
+        event.preventDefault();
+        this.search.open('search');
+      }
+      if (event.ctrlKey || event.metaKey || event.altKey || writes) return;
       const view = { 1: 'iso', 2: 'top', 3: 'front', 4: 'side' }[event.key];
       if (view) scene.view(view);
       else if (event.key === 'f' || event.key === 'F') scene.fit();
-      else if (event.key === ' ' && !event.target.matches('button')) this.play();
+      else if (event.key === 'g') this.search.open('goto');
+      else if (event.key === ' ' && !event.target.matches('button, input')) this.play();
       else return;
       event.preventDefault();
     });

@@ -209,8 +209,10 @@ async function known() {
     const nothing = {
       title: '', axes: ['X', 'Y', 'Z'].map((letter) => ({ letter, scale: 1, limits: [] })), path: { vertices: 0, segments: 0 },
       stretch_s: 1, times: {}, lines: 0, refused: [], refused_count: 0, alarms: [], holes: [], tool_changes: [], work_zeros: [], settings: [],
+      corners: { count: 0, written: 0 }, programmed: [],
     };
-    return [nothing, decodePath(new Uint8Array(), nothing), [], ''];
+    const none = new Uint8Array();
+    return [nothing, decodePath(none, nothing), decodeCurves(none, nothing), ''];
   }
   const bytes = async (name) => new Uint8Array(await (await get(name)).arrayBuffer());
   const [pathBytes, curveBytes, text] = await Promise.all(['path', 'curves', 'program'].map(bytes));

@@ -8,8 +8,7 @@ use leadscrew::{
     units::Nm,
 };
 
-/// One value per axis: mm, or degrees for a rotary axis.
-pub(crate) type Point = [f64; AXES];
+pub(crate) use simulation::junction::Point;
 
 /// Coordinates in mm.
 pub(crate) fn millimetres(position: &Axes<Nm>) -> Point {

@@ -5,11 +5,14 @@ use leadscrew::{
     model::{Circle, Command, FeedRate, Target, core_xy},
     units::{Nm, Steps, StepsPerMm},
 };
-use simulation::program_reader::ProgramReader;
+use simulation::{
+    junction::{allowed_mm_s, turn_rad},
+    program_reader::ProgramReader,
+};
 
 use super::{
     MotorScales,
-    geometry::{Corner, Piece, Point, dot, millimetres, minus, norm},
+    geometry::{Corner, Piece, Point, millimetres, minus, norm},
 };
 
 /// The path of a program.
@@ -133,45 +136,19 @@ impl Programmed {
         };
         let after = piece.tangent(0.0);
         Corner {
-            turn_rad: turn(&before, &after),
+            turn_rad: turn_rad(&before, &after),
             change: minus(&after, &before),
             curvature_change: minus(&piece.curvature(0.0), &self.curvature),
-            allowed_mm_s: self.allowed_mm_s(&before, &after),
+            allowed_mm_s: allowed_mm_s(
+                &before,
+                &after,
+                &self.accelerations,
+                self.reader.settings().junction_deviation_mm.into(),
+            ),
             is_stop: self.is_stop,
             is_regeared: !(0.5..=2.0).contains(&(norm(&after) / norm(&before))),
         }
     }
-
-    /// The speed in a corner that the junction deviation allows (S. Jeon 2011).
-    ///
-    /// The circle of the junction touches both directions and passes the corner at the junction
-    /// deviation. The acceleration limits of the axes in the direction of the change bound the speed on
-    /// the circle. A different share of a rotary axis is a change, too.
-    fn allowed_mm_s(&self, before: &Point, after: &Point) -> f64 {
-        let change = minus(after, before);
-        let size = norm(&change);
-        let cosine = (0.5 * turn(before, after)).cos();
-        if size < 1.0e-9 {
-            return f64::INFINITY;
-        }
-        let limits = &self.accelerations;
-        let acceleration = (0..AXES)
-            .filter(|axis| change[*axis] != 0.0)
-            .map(|axis| limits[axis] * size / change[axis].abs())
-            .fold(f64::INFINITY, f64::min);
-        let deviation = f64::from(self.reader.settings().junction_deviation_mm);
-        let sine_sqr = dot(&change, &change) / 4.0;
-        // cos / (1 - cos), without the difference that cancels.
-        let radius = deviation * cosine * (1.0 + cosine) / sine_sqr;
-        (acceleration * radius.max(0.0)).sqrt()
-    }
-}
-
-/// The angle between two directions, rad.
-fn turn(before: &Point, after: &Point) -> f64 {
-    let [before, after] = [before, after].map(|tangent| tangent.map(|part| part / norm(tangent)));
-    let sum: Point = std::array::from_fn(|axis| before[axis] + after[axis]);
-    2.0 * norm(&minus(&after, &before)).atan2(norm(&sum))
 }
 
 #[cfg(test)]
