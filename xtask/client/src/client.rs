@@ -20,7 +20,7 @@ use leadscrew::axis::LETTERS;
 
 use crate::{
     Line, Lines, Response, Sender, Status, Transmission, meaning, realtime,
-    sender::Received,
+    sender::{Received, sendable},
     transmission::{Key, Phase},
 };
 use cycle::ProbingCycle;
@@ -33,6 +33,8 @@ const REPORT_MS: u64 = 100;
 const JOG_REPORT_MS: u64 = 50;
 /// After how long without a word the machine counts as gone, ms.
 const GONE_MS: u64 = 2000;
+/// Lines of the operator beyond these are not taken: nobody types so many.
+const MOST_WAITING: usize = 1000;
 /// Events beyond these are left out: nobody reads so many lines.
 const MOST_EVENTS: usize = 400;
 /// The settings of the fastest rate of X, mm/min, and of its acceleration, mm/s²; those of the other axes follow.
@@ -108,7 +110,10 @@ impl Client {
                 let text = "a probing cycle is under way: no other line is sent".into();
                 self.note(Event::Note { text });
             }
-            Command::Line { number, text } => self.ask(Origin::Page(Some(number)), text),
+            Command::Line { number, text } => {
+                let text = String::from_utf8_lossy(&sendable(text.as_bytes())).into_owned();
+                self.ask(Origin::Page(Some(number)), text);
+            }
             Command::Realtime { byte } => self.realtime(byte),
             Command::Step { by, feed } => self.ask(Origin::Page(None), jog::line(&by, feed)),
             Command::Move { along, feed } => self.hold(along, feed, now_ms),
@@ -225,7 +230,7 @@ impl Client {
 
     fn ask(&mut self, of: Origin, text: String) {
         let is_one_line = !text.is_empty() && !text.contains(['\n', '\r']);
-        if is_one_line {
+        if is_one_line && self.waiting.len() < MOST_WAITING {
             self.waiting.push_back(Asked {
                 of,
                 text,
@@ -235,6 +240,9 @@ impl Client {
     }
 
     fn realtime(&mut self, byte: u8) {
+        if !matches!(byte, b'?' | b'!' | b'~' | realtime::RESET | 0x80..) {
+            return;
+        }
         let key = match byte {
             realtime::HOLD => Key::Hold,
             realtime::RESUME => Key::Resume,
@@ -258,7 +266,10 @@ impl Client {
         }
         self.program = Program {
             name,
-            lines: text.lines().map(|line| line.as_bytes().to_vec()).collect(),
+            lines: { text.trim_start_matches('\u{feff}').lines() }
+                .flat_map(|line| line.split('\r'))
+                .map(|line| sendable(line.as_bytes()))
+                .collect(),
         };
         self.state.job = Some(JobState {
             name: self.program.name.clone(),
@@ -315,7 +326,8 @@ impl Client {
         }
         self.halt();
         let may_jog = self.cycle.is_none()
-            && matches!(self.status.report.state_name(), "Idle" | "Jog" | "Tool");
+            && matches!(self.status.report.state_name(), "Idle" | "Jog" | "Tool")
+            && along.iter().all(|along| (-1..=1).contains(along));
         let start = self.status.machine_position();
         if let Some(start) = start.filter(|_| may_jog && feed > 0.0) {
             self.jogs += 1;

@@ -214,6 +214,43 @@ pub fn g_numbers(code: &[u8]) -> impl Iterator<Item = f64> {
     })
 }
 
+/// What is sent for a byte that must not be: no word has it.
+pub const REFUSED: u8 = 0x7f;
+
+/// A line of a program as it is sent: without what the machine would take for realtime commands (`?`, `!`, `~`, 0x18,
+/// bytes from 0x80 on that are no text in UTF-8).
+///
+/// In a comment they are left out. Elsewhere that would join what they separate (`X1?5` is not X15), so that something is
+/// sent in their place that is refused.
+#[must_use]
+pub fn sendable(line: &[u8]) -> Vec<u8> {
+    let mut sent = Vec::with_capacity(line.len());
+    let (mut in_parentheses, mut in_rest) = (false, false);
+    for chunk in line.utf8_chunks() {
+        for character in chunk.valid().chars() {
+            let is_code = !in_parentheses && !in_rest;
+            match character {
+                '(' if is_code => in_parentheses = true,
+                ')' if !in_rest => in_parentheses = false,
+                ';' if is_code => in_rest = true,
+                _ => {}
+            }
+            let is_first = sent.is_empty();
+            match character {
+                '\u{a0}' if is_first => sent.push(b' '),
+                '?' | '!' | '~' | '\x18' | '\u{80}'..='\u{9f}' if is_code => sent.push(REFUSED),
+                '\u{a1}'..='\u{a3}' if is_code && is_first => sent.push(REFUSED),
+                '?' | '!' | '~' | '\x18' | '\u{80}'..='\u{9f}' => {}
+                _ => sent.extend(character.encode_utf8(&mut [0; 4]).bytes()),
+            }
+        }
+        if !chunk.invalid().is_empty() && !in_parentheses && !in_rest {
+            sent.push(REFUSED);
+        }
+    }
+    sent
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

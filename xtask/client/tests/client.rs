@@ -162,6 +162,31 @@ fn a_job_is_sent_held_and_ended() {
 }
 
 #[test]
+fn no_text_and_no_number_of_a_page_is_a_realtime_command() {
+    let mut desk = Desk::new(&[]);
+    desk.command(Command::Program {
+        name: "job.nc".into(),
+        text: "\u{feff}G91 (\u{84}, !)\rG1 X1 F600 ; done?\n".into(),
+    });
+    desk.command(Command::Start);
+    desk.await_state("Run");
+    desk.await_state("Idle");
+    desk.run(500);
+    assert_eq!((job(&desk).lines, &*job(&desk).outcome), (2, "done"));
+    assert_eq!(desk.ask("X1!").1, "error:1");
+    for byte in [b'$', b'\n'] {
+        desk.command(Command::Realtime { byte });
+    }
+    desk.command(Command::Move {
+        along: vec![127, 0, 0],
+        feed: 600.0,
+    });
+    desk.run(500);
+    assert_eq!(desk.ask("$I").1, "ok");
+    assert!((x_mm(&desk) - 1.0).abs() < 0.01, "{}", x_mm(&desk));
+}
+
+#[test]
 fn a_lost_line_ends_the_job_and_answers_nothing() {
     let mut desk = Desk::new(&[]);
     desk.command(Command::Program {

@@ -13,11 +13,10 @@ use std::{
 };
 
 use anyhow::{Context, Result, ensure};
+use grbl_client::sender;
 
 /// Longest line that is read: beyond it the file is no program.
 const MAX_LINE_BYTES: usize = 1 << 20;
-/// What is sent for a byte that must not be: no word has it.
-pub(crate) const REFUSED: u8 = 0x7f;
 /// What some editors put in front of a text in UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
@@ -149,7 +148,7 @@ impl Program {
             self.foreign_line = Some(self.lines);
         }
         self.ready
-            .extend(line.split(|byte| *byte == b'\r').map(sent));
+            .extend(line.split(|byte| *byte == b'\r').map(sender::sendable));
         Ok(self.ready.pop_front())
     }
 }
@@ -160,35 +159,6 @@ pub fn encoding_warning(line: u64) -> String {
         "line {line} is not UTF-8 but, perhaps, Latin-1 or Shift-JIS: to a machine such bytes may be realtime commands, \
          and they are not sent"
     )
-}
-
-/// A line as it is sent.
-fn sent(line: &[u8]) -> Vec<u8> {
-    let mut sent = Vec::with_capacity(line.len());
-    let (mut in_parentheses, mut in_rest) = (false, false);
-    for chunk in line.utf8_chunks() {
-        for character in chunk.valid().chars() {
-            let is_code = !in_parentheses && !in_rest;
-            match character {
-                '(' if is_code => in_parentheses = true,
-                ')' if !in_rest => in_parentheses = false,
-                ';' if is_code => in_rest = true,
-                _ => {}
-            }
-            let is_first = sent.is_empty();
-            match character {
-                '\u{a0}' if is_first => sent.push(b' '),
-                '?' | '!' | '~' | '\x18' | '\u{80}'..='\u{9f}' if is_code => sent.push(REFUSED),
-                '\u{a1}'..='\u{a3}' if is_code && is_first => sent.push(REFUSED),
-                '?' | '!' | '~' | '\x18' | '\u{80}'..='\u{9f}' => {}
-                _ => sent.extend(character.encode_utf8(&mut [0; 4]).bytes()),
-            }
-        }
-        if !chunk.invalid().is_empty() && !in_parentheses && !in_rest {
-            sent.push(REFUSED);
-        }
-    }
-    sent
 }
 
 #[cfg(test)]
@@ -239,7 +209,7 @@ mod tests {
                 sent.is_ascii() && !sent.contains(&b'?') && !sent.contains(&0x18),
                 "{text:x?}"
             );
-            assert!(sent.contains(&REFUSED), "{text:x?}");
+            assert!(sent.contains(&sender::REFUSED), "{text:x?}");
         }
         assert_eq!(
             lines("G1 X1\u{2013}5".as_bytes()),

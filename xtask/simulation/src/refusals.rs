@@ -118,7 +118,7 @@ impl Refusals {
                 "the machine has no interpreter for them".into(),
             );
         }
-        if code.contains(&crate::program::REFUSED) {
+        if code.contains(&grbl_client::sender::REFUSED) {
             return (
                 "a byte of a realtime command".into(),
                 "it is not sent in a program: `?`, `!`, `~`, 0x18 and all above 0x7f".into(),
