@@ -93,6 +93,8 @@ pub struct Client {
     job: Option<Transmission>,
     is_start_asked: bool,
     state: State,
+    /// As it was told.
+    shown: State,
     /// `$G` may have another answer.
     are_modes_old: bool,
     /// The machine has been asked for its settings, of which these are numbers.
@@ -542,7 +544,6 @@ impl Client {
 
     /// Tells what has changed.
     fn show(&mut self) {
-        let before = self.state.clone();
         self.show_job();
         let (report, status) = (&self.status.report, &self.status);
         self.state.state.clone_from(&report.state);
@@ -557,7 +558,8 @@ impl Client {
         if let Some(accessories) = report.accessories() {
             self.state.accessories = accessories.into();
         }
-        if self.state != before {
+        if self.state != self.shown {
+            self.shown.clone_from(&self.state);
             let state = Box::new(self.state.clone());
             self.events.push(Event::State(state));
         }

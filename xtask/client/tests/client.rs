@@ -198,8 +198,13 @@ fn a_lost_line_ends_the_job_and_answers_nothing() {
     desk.client.lose_line();
     assert_eq!(job(&desk).outcome, "the line to the machine was lost");
     assert!(desk.client.take_output().is_empty());
+    desk.client.take_events();
     desk.client.tick(desk.now_ms);
     assert!(!desk.client.state().is_there);
+    let told = desk.client.take_events();
+    let is_told =
+        |event: &Event| matches!(event, Event::State(state) if **state == *desk.client.state());
+    assert!(told.iter().any(is_told), "{told:?}");
 }
 
 #[test]
