@@ -1,5 +1,11 @@
 //! What the user sees: progress, headings and errors, coloured where the terminal shows colour.
 
+use std::{
+    env,
+    ffi::OsStr,
+    process::{Command, Stdio},
+};
+
 use anstream::{eprint, eprintln};
 use clap::builder::styling::{AnsiColor, Styles};
 use owo_colors::OwoColorize;
@@ -33,6 +39,27 @@ pub fn error(error: &anyhow::Error) {
             eprint!("{:>9} ", lead.dimmed());
             eprintln!("{line}");
         }
+    }
+}
+
+/// Opens a file or an address in the browser, as the desktop does.
+pub fn open(target: &OsStr) {
+    let program = match env::var_os("BROWSER") {
+        Some(browser) => browser,
+        None if cfg!(target_os = "macos") => "open".into(),
+        None => "xdg-open".into(),
+    };
+    let started = Command::new(&program)
+        .arg(target)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn();
+    if started.is_err() {
+        let program = program.display();
+        warning(&format!(
+            "{program} cannot be started: open the page yourself"
+        ));
     }
 }
 

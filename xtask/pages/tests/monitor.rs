@@ -1,82 +1,23 @@
 //! The command as it is typed: at the simulator, and at machines that are none.
 
+mod support;
+
 use std::{
     fs,
     io::{BufRead as _, BufReader, Read as _, Write as _},
     net::{TcpListener, TcpStream},
-    path::Path,
-    process::{Child, ChildStderr, Command, Stdio},
     sync::mpsc::{Sender, TryRecvError, channel},
     thread,
     time::{Duration, Instant},
 };
 
-use rustix::process::{Pid, Signal};
+use rustix::process::Signal;
 use serde_json::Value;
 use simulation::pty::Pty;
+use support::Monitor;
 use tempfile::tempdir;
 
 const REPORT: &[u8] = b"<Idle|MPos:1.000,2.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n";
-
-fn root() -> &'static Path {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
-}
-
-/// The monitor, and what it says.
-struct Monitor {
-    process: Child,
-    messages: BufReader<ChildStderr>,
-    printed: String,
-}
-
-impl Monitor {
-    fn start(arguments: &[&str]) -> Self {
-        let mut process = Command::new(env!("CARGO_BIN_EXE_monitor"))
-            .arg("monitor")
-            .args(arguments)
-            .current_dir(root())
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let messages = BufReader::new(process.stderr.take().unwrap());
-        Self {
-            process,
-            messages,
-            printed: String::new(),
-        }
-    }
-
-    /// Waits until the page is there, and returns its address.
-    fn address(&mut self) -> String {
-        loop {
-            let mut line = String::new();
-            let length = self.messages.read_line(&mut line).unwrap();
-            assert!(length > 0, "{}", self.printed);
-            self.printed += &line;
-            if let Some((_, after)) = line.split_once("http://") {
-                return after.split('/').next().unwrap().into();
-            }
-        }
-    }
-
-    fn interrupt(&self) {
-        self.signal(Signal::INT);
-    }
-
-    fn signal(&self, signal: Signal) {
-        let id = Pid::from_raw(self.process.id().cast_signed()).unwrap();
-        rustix::process::kill_process(id, signal).unwrap();
-    }
-
-    /// Waits for the end: the exit status, and everything said.
-    fn end(mut self) -> (Option<i32>, String) {
-        self.messages.read_to_string(&mut self.printed).unwrap();
-        let status = self.process.wait().unwrap();
-        (status.code(), self.printed)
-    }
-}
 
 /// Asks for a page. Returns what is answered.
 fn get(address: &str, path: &str, host: &str) -> BufReader<TcpStream> {
@@ -524,7 +465,7 @@ fn what_cannot_be_had_is_reported_at_once() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let taken = listener.local_addr().unwrap().to_string();
     let (address, _switch) = machine(REPORT);
-    let (status, printed) = Monitor::start(&["--tcp", &address, "--http", &taken]).end();
+    let (status, printed) = Monitor::start(&["--tcp", &address, "--listen", &taken]).end();
     assert_eq!(status, Some(1));
     assert!(printed.contains("cannot serve the page"), "{printed}");
     for (arguments, what) in [

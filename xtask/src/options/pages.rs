@@ -12,6 +12,7 @@ use crate::BAUD;
 /// command ends with it; otherwise it ends with Ctrl-C. With --link a sender connects through it, and
 /// every byte passes. Of FILE, or of the --program that a sender sends, the page shows the whole path
 /// from the beginning, what has been cut of it, and how long the rest will take.
+/// With --control the page operates the machine: only who has the address that is printed can open it.
 #[derive(Debug, clap::Args)]
 #[command(group = clap::ArgGroup::new("where").required(true).args(["port", "tcp", "sim"]))]
 pub struct Monitor {
@@ -43,9 +44,15 @@ pub struct Monitor {
     /// Make a serial device at which a sender reaches the machine
     #[arg(long, value_name = "PATH")]
     pub link: Option<PathBuf>,
-    /// Where the page is served; port 0 is any that is free
+    /// Operate the machine from the page: jog it, set it up, run programs
+    #[arg(long, conflicts_with_all = ["file", "program", "link", "svg"])]
+    pub control: bool,
+    /// Where the page is served; port 0 is any that is free, and 0.0.0.0 is for other computers
     #[arg(long, value_name = "ADDR:PORT", default_value = "127.0.0.1:0")]
-    pub http: String,
+    pub listen: String,
+    /// Do not open the browser
+    #[arg(long, requires = "control")]
+    pub no_open: bool,
     /// Draw the picture into a file at the end
     #[arg(long, value_name = "OUT.svg")]
     pub svg: Option<OutputPath>,

@@ -1,13 +1,6 @@
 //! `cargo xtask view`: a job as a page to look at.
 
-use std::{
-    env,
-    ffi::OsStr,
-    io::Write as _,
-    os::unix::net::UnixStream,
-    path::Path,
-    process::{Command, ExitCode, Stdio},
-};
+use std::{ffi::OsStr, io::Write as _, os::unix::net::UnixStream, process::ExitCode};
 
 use anstream::println;
 use anyhow::{Context, Result, bail};
@@ -93,7 +86,8 @@ fn run(options: &Options) -> Result<ExitCode> {
         path.display()
     );
     if named.is_none() && !options.no_open {
-        open(&path);
+        ui::status("Opening", &path.display().to_string());
+        ui::open(path.as_os_str());
     }
     Ok(ExitCode::from(u8::from(!is_clean)))
 }
@@ -119,26 +113,4 @@ fn page_name(program: &str) -> String {
         "-",
     );
     format!("{stem}.html")
-}
-
-/// Opens the browser, as the desktop does.
-fn open(path: &Path) {
-    let program = match env::var_os("BROWSER") {
-        Some(browser) => browser,
-        None if cfg!(target_os = "macos") => "open".into(),
-        None => "xdg-open".into(),
-    };
-    let started = Command::new(&program)
-        .arg(path)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn();
-    match started {
-        Ok(_) => ui::status("Opening", &path.display().to_string()),
-        Err(_) => ui::warning(&format!(
-            "{} cannot be started: open the page yourself",
-            program.display()
-        )),
-    }
 }

@@ -3,10 +3,11 @@
 //! Nothing is allocated because a request claims a size: a request with a body is refused unread.
 
 use std::{
+    collections::VecDeque,
     io::{self, Read as _, Write as _},
-    net::{TcpListener, TcpStream},
+    net::{Shutdown, TcpListener, TcpStream},
     sync::{
-        Arc,
+        Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicUsize, Ordering},
     },
     thread,
@@ -24,16 +25,24 @@ const MOST_CONNECTIONS: usize = 64;
 
 /// A request for a path.
 pub(crate) struct Request {
-    /// The path without what is behind `?`.
+    /// The path without what stands after `?`.
     pub(crate) path: String,
-    /// The name by which the browser knows the server.
-    pub(crate) host: String,
-    /// Another site's page asks for it.
-    pub(crate) is_from_elsewhere: bool,
+    /// What stands after `?`.
+    pub(crate) query: String,
+    fields: Vec<(String, String)>,
+    /// What has come after the request.
+    surplus: Vec<u8>,
     stream: TcpStream,
 }
 
 impl Request {
+    /// The value of a field; nothing where there is none.
+    pub(crate) fn field(&self, name: &str) -> &str {
+        let mut fields = self.fields.iter();
+        let field = fields.find(|(field, _)| field.eq_ignore_ascii_case(name));
+        field.map_or("", |(_, value)| value)
+    }
+
     /// Answers with a status, fields and contents.
     pub(crate) fn answer(
         mut self,
@@ -51,23 +60,34 @@ impl Request {
         Ok(self.stream)
     }
 
+    /// Answers that another protocol is spoken from now on. Returns what has come of it already, and the connection.
+    pub(crate) fn upgrade(mut self, fields: &[(&str, &str)]) -> io::Result<(Vec<u8>, TcpStream)> {
+        let mut all = vec![("Connection", "Upgrade")];
+        all.extend(fields);
+        write_head(&mut self.stream, "101 Switching Protocols", &all)?;
+        Ok((self.surplus, self.stream))
+    }
+
     fn head(
         &mut self,
         status: &str,
         fields: &[(&str, &str)],
         bytes: Option<usize>,
     ) -> io::Result<()> {
-        let mut head = Vec::new();
-        write!(head, "HTTP/1.1 {status}\r\nConnection: close\r\n")?;
-        for (name, value) in fields {
-            write!(head, "{name}: {value}\r\n")?;
-        }
-        if let Some(bytes) = bytes {
-            write!(head, "Content-Length: {bytes}\r\n")?;
-        }
-        head.extend(b"\r\n");
-        self.stream.write_all(&head)
+        let bytes = bytes.map(|bytes| bytes.to_string());
+        let mut all = vec![("Connection", "close")];
+        all.extend(fields);
+        all.extend(bytes.iter().map(|it| ("Content-Length", it.as_str())));
+        write_head(&mut self.stream, status, &all)
     }
+}
+
+fn write_head(stream: &mut TcpStream, status: &str, fields: &[(&str, &str)]) -> io::Result<()> {
+    let fields = fields
+        .iter()
+        .map(|(name, value)| format!("{name}: {value}\r\n"));
+    let fields: String = fields.collect();
+    stream.write_all(format!("HTTP/1.1 {status}\r\n{fields}\r\n").as_bytes())
 }
 
 /// Serves connections, each in a thread, as long as the program runs.
@@ -75,21 +95,23 @@ pub(crate) fn serve(
     listener: TcpListener,
     answer: impl Fn(Request) -> io::Result<()> + Send + Sync + 'static,
 ) {
-    let (answer, open) = (Arc::new(answer), Arc::new(AtomicUsize::new(0)));
+    let (answer, connections) = (Arc::new(answer), Arc::new(Connections::default()));
     thread::spawn(move || {
-        for stream in listener.incoming() {
+        for (number, stream) in listener.incoming().enumerate() {
             let Ok(stream) = stream else {
                 // No file is left for another connection.
                 thread::sleep(Duration::from_millis(10));
                 continue;
             };
-            let (answer, connection) = (answer.clone(), Connection::new(&open));
-            let Some(connection) = connection else {
+            let answer = answer.clone();
+            let Some(connection) = Connection::open(&connections, number, &stream) else {
                 continue;
             };
             let serve = move || {
+                let request = read(stream);
+                connection.has_asked();
                 // Who has gone needs no answer.
-                let _ = read(stream).and_then(|request| request.map_or(Ok(()), |it| answer(it)));
+                let _ = request.and_then(|request| request.map_or(Ok(()), |it| answer(it)));
                 drop(connection);
             };
             // Without a thread, the connection is closed.
@@ -98,19 +120,54 @@ pub(crate) fn serve(
     });
 }
 
+/// The connections that are open.
+#[derive(Default)]
+struct Connections {
+    count: AtomicUsize,
+    /// Those from which no whole request has come, with their numbers, the oldest first.
+    silent: Mutex<VecDeque<(usize, TcpStream)>>,
+}
+
+impl Connections {
+    fn silent(&self) -> MutexGuard<'_, VecDeque<(usize, TcpStream)>> {
+        self.silent.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 /// One of the connections that are open.
-struct Connection(Arc<AtomicUsize>);
+struct Connection {
+    all: Arc<Connections>,
+    number: usize,
+}
 
 impl Connection {
-    fn new(open: &Arc<AtomicUsize>) -> Option<Self> {
-        let connection = Self(open.clone());
-        (open.fetch_add(1, Ordering::Relaxed) < MOST_CONNECTIONS).then_some(connection)
+    /// Adds a connection, if there may be another one: the one that has been silent for longest is ended for it.
+    fn open(all: &Arc<Connections>, number: usize, stream: &TcpStream) -> Option<Self> {
+        let mut silent = all.silent();
+        if all.count.load(Ordering::Relaxed) >= MOST_CONNECTIONS {
+            let (_, oldest) = silent.pop_front()?;
+            let _ = oldest.shutdown(Shutdown::Both);
+        }
+        // Some that were ended may not have noticed it.
+        if all.count.load(Ordering::Relaxed) >= 2 * MOST_CONNECTIONS {
+            return None;
+        }
+        silent.push_back((number, stream.try_clone().ok()?));
+        all.count.fetch_add(1, Ordering::Relaxed);
+        let all = all.clone();
+        Some(Self { all, number })
+    }
+
+    /// A request has come, or none will.
+    fn has_asked(&self) {
+        self.all.silent().retain(|(it, _)| *it != self.number);
     }
 }
 
 impl Drop for Connection {
     fn drop(&mut self) {
-        self.0.fetch_sub(1, Ordering::Relaxed);
+        self.has_asked();
+        self.all.count.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
@@ -119,8 +176,9 @@ fn read(stream: TcpStream) -> io::Result<Option<Request>> {
     stream.set_write_timeout(Some(PATIENCE))?;
     let mut request = Request {
         path: String::new(),
-        host: String::new(),
-        is_from_elsewhere: false,
+        query: String::new(),
+        fields: Vec::new(),
+        surplus: Vec::new(),
         stream,
     };
     let Some(refused) = read_head(&mut request)? else {
@@ -137,7 +195,10 @@ fn read_head(request: &mut Request) -> io::Result<Option<&'static str>> {
         let mut fields = [httparse::EMPTY_HEADER; MOST_FIELDS];
         let mut parsed = httparse::Request::new(&mut fields);
         match parsed.parse(&head) {
-            Ok(httparse::Status::Complete(_)) => return Ok(take(&parsed, request)),
+            Ok(httparse::Status::Complete(length)) => {
+                request.surplus = head[length..].to_vec();
+                return Ok(take(&parsed, request));
+            }
             Ok(httparse::Status::Partial) if head.len() < MOST_BYTES => {}
             Ok(_) => return Ok(Some("431 Request Header Fields Too Large")),
             Err(_) => return Ok(Some("400 Bad Request")),
@@ -156,21 +217,17 @@ fn read_head(request: &mut Request) -> io::Result<Option<&'static str>> {
 }
 
 fn take(parsed: &httparse::Request<'_, '_>, request: &mut Request) -> Option<&'static str> {
-    let field = |name: &str| {
-        let mut fields = parsed.headers.iter();
-        let field = fields.find(|field| field.name.eq_ignore_ascii_case(name))?;
-        str::from_utf8(field.value).ok()
-    };
     if parsed.method != Some("GET") {
         return Some("405 Method Not Allowed");
     }
-    if field("Transfer-Encoding").is_some() || field("Content-Length").is_some_and(|it| it != "0") {
-        return Some("413 Content Too Large");
-    }
     let path = parsed.path.unwrap_or_default();
-    request.path = path.split('?').next().unwrap_or_default().into();
-    request.host = field("Host").unwrap_or_default().into();
-    let site = field("Sec-Fetch-Site").unwrap_or_default();
-    request.is_from_elsewhere = matches!(site, "cross-site" | "same-site");
-    None
+    let (path, query) = path.split_once('?').unwrap_or((path, ""));
+    (request.path, request.query) = (path.into(), query.into());
+    let fields = parsed.headers.iter();
+    request.fields = fields
+        .filter_map(|field| Some((field.name.into(), str::from_utf8(field.value).ok()?.into())))
+        .collect();
+    let is_empty = matches!(request.field("Content-Length"), "" | "0");
+    let is_whole = is_empty && request.field("Transfer-Encoding").is_empty();
+    (!is_whole).then_some("413 Content Too Large")
 }

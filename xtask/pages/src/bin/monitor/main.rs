@@ -1,11 +1,13 @@
 //! `cargo xtask monitor`: a live picture of what a machine does.
 
+mod control;
 mod http;
 mod page;
 mod path_follower;
 mod picture;
 mod rehearsal;
 mod sending;
+mod site;
 mod source;
 mod svg;
 mod tap;
@@ -33,6 +35,7 @@ use watch::Watch;
 fn main() -> ExitCode {
     guard::become_guard_if_asked();
     common::main(|| match options::read() {
+        Verb::Monitor(options) if options.control => control::run(&options),
         Verb::Monitor(options) => run(&options),
         other => other.refuse(),
     })
@@ -61,8 +64,8 @@ fn run(options: &Options) -> Result<ExitCode> {
     let file = options.file.as_deref().and_then(Path::file_name);
     let title = file.map_or_else(|| name, |name| name.to_string_lossy().into_owned());
     shared.lock().title = title;
-    let at = page::serve(&options.http, &shared, job)?;
-    ui::status("Showing", &format!("http://{at}/ (Ctrl-C ends)"));
+    let url = page::serve(&options.listen, &shared, job)?;
+    ui::status("Showing", &format!("{url} (Ctrl-C ends)"));
     let mut job = program.map(Sending::new);
     // Ctrl-C while the job was tried: nothing has been sent.
     ensure!(!link::is_stopped(&stop)?, link::Stopped);
@@ -129,7 +132,9 @@ fn source(options: &Options) -> Result<Source> {
             options.tcp.as_deref(),
         );
     }
-    let stream = ["$792=1", "$793=1"].map(str::to_owned);
-    let set: Vec<_> = options.set.iter().chain(&stream).cloned().collect();
+    let mut set = options.set.clone();
+    if !options.control {
+        set.extend(["$792=1", "$793=1"].map(str::to_owned));
+    }
     Source::simulated(options.settings.as_deref(), &set)
 }

@@ -1,22 +1,21 @@
 //! The page: a few files and the stream of events, for browsers on this computer.
 //!
-//! Nothing is fetched from elsewhere, and the browser is told to refuse that. A page of another site that
-//! leads here by a name of its own (DNS rebinding) is refused.
+//! Nothing is fetched from elsewhere, and the browser is told to refuse that.
 
 use std::{
     io::{self, Write},
-    net::{SocketAddr, TcpListener},
     sync::Arc,
     thread,
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use simulation::Job;
 
 use crate::{
     http::{self, Request},
     picture::{Shared, Shown},
+    site::{self, File, Site},
 };
 
 /// Least time between two events: a screen shows no more.
@@ -28,54 +27,38 @@ const LAST_EVENT_TIMEOUT: Duration = Duration::from_secs(10);
 
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
     base-uri 'none'; form-action 'none'";
-/// What a browser only takes from a header.
-const FRAMES: &str = "; frame-ancestors 'none'";
-
-const HTML: &str = "text/html; charset=utf-8";
-const BYTES: &str = "application/octet-stream";
-
-/// The files: path, type, content.
-struct StaticFiles(Vec<(&'static str, &'static str, Vec<u8>)>);
-
-impl StaticFiles {
-    /// Those of the page, and of the job that is known in advance.
-    fn new(job: Option<Job>) -> Result<Self> {
-        let page = pages::page::served(
-            "Leadscrew monitor",
-            POLICY,
-            include_str!("page/live.html"),
-            include_str!("page/live.css"),
-            include_str!("page/live.js"),
-        );
-        let facts = serde_json::to_vec(&job)?;
-        let job = job.unwrap_or_default();
-        Ok(Self(vec![
-            ("/", HTML, page.html.into()),
-            ("/page.css", "text/css; charset=utf-8", page.style.into()),
-            (
-                "/page.js",
-                "text/javascript; charset=utf-8",
-                page.script.into(),
-            ),
-            ("/job.json", "application/json", facts),
-            ("/job.path", BYTES, job.columns),
-            ("/job.curves", BYTES, job.curves),
-            ("/job.program", BYTES, job.text),
-        ]))
-    }
+/// The files of the page, and of the job that is known in advance.
+fn files(job: Option<Job>) -> Result<Vec<File>> {
+    let page = pages::page::served(
+        "Leadscrew monitor",
+        POLICY,
+        include_str!("page/live.html"),
+        include_str!("page/live.css"),
+        include_str!("page/live.js"),
+    );
+    let facts = serde_json::to_vec(&job)?;
+    let job = job.unwrap_or_default();
+    Ok(vec![
+        ("/", site::HTML, page.html.into()),
+        ("/page.css", site::STYLE, page.style.into()),
+        ("/page.js", site::SCRIPT, page.script.into()),
+        ("/job.json", "application/json", facts),
+        ("/job.path", site::BYTES, job.columns),
+        ("/job.curves", site::BYTES, job.curves),
+        ("/job.program", site::BYTES, job.text),
+    ])
 }
 
 /// Serves the page at an address, with a job that is known in advance, and returns where.
-pub(crate) fn serve(address: &str, shared: &Arc<Shared>, job: Option<Job>) -> Result<SocketAddr> {
-    let files = StaticFiles::new(job)?;
-    let listener = TcpListener::bind(address);
-    let listener = listener.with_context(|| format!("cannot serve the page at {address}"))?;
-    let at = listener.local_addr().context("the page has no address")?;
-    let shared = shared.clone();
-    http::serve(listener, move |request| {
-        answer(request, at, &files, &shared)
+pub(crate) fn serve(address: &str, shared: &Arc<Shared>, job: Option<Job>) -> Result<String> {
+    let (listener, site) = Site::bind(address, POLICY, files(job)?)?;
+    let (url, shared) = (site.url(), shared.clone());
+    http::serve(listener, move |request| match site.refusal(&request) {
+        Some(refusal) => request.answer("403 Forbidden", &[], refusal.as_bytes()),
+        None if request.path == "/events" => events(request, &shared),
+        None => site.answer(request),
     });
-    Ok(at)
+    Ok(url)
 }
 
 /// Waits until each page has been told that nothing more is to come, at most a while.
@@ -85,45 +68,6 @@ pub(crate) fn wait_for_pages(shared: &Shared) {
     while picture.pages > 0 && Instant::now() < end {
         picture = shared.wait(picture, FRAME);
     }
-}
-
-fn answer(
-    request: Request,
-    at: SocketAddr,
-    files: &StaticFiles,
-    shared: &Shared,
-) -> io::Result<()> {
-    if !is_this_computer(&request.host, at) {
-        return request.answer("403 Forbidden", &[], b"wrong host");
-    }
-    if request.is_from_elsewhere {
-        return request.answer("403 Forbidden", &[], b"another site");
-    }
-    match request.path.as_str() {
-        "/events" => events(request, shared),
-        // Browsers ask for it by themselves.
-        "/favicon.ico" => request.answer("204 No Content", &[], &[]),
-        path => match files.0.iter().find(|(name, ..)| *name == path) {
-            Some((_, kind, content)) => {
-                let policy = [POLICY, FRAMES].concat();
-                let fields = [
-                    ("Content-Type", *kind),
-                    ("Content-Security-Policy", &policy),
-                    ("X-Content-Type-Options", "nosniff"),
-                    ("Referrer-Policy", "no-referrer"),
-                    ("Cache-Control", "no-store"),
-                ];
-                request.answer("200 OK", &fields, content)
-            }
-            None => request.answer("404 Not Found", &[], b"not found"),
-        },
-    }
-}
-
-/// Whether a request was meant for this server, by the name in it.
-fn is_this_computer(host: &str, at: SocketAddr) -> bool {
-    let name = host.rsplit_once(':').map_or(host, |(name, _)| name);
-    name == "localhost" || name == at.ip().to_string() || host == at.to_string()
 }
 
 /// Sends the changes of the picture as they come, all of it first.

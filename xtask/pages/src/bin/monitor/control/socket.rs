@@ -1,0 +1,248 @@
+//! The WebSocket of a page: commands in, events out.
+//!
+//! Memory is bounded: a page that watches sends little, and one that does not read is dropped.
+
+use std::{
+    io::{self, ErrorKind, Read, Write},
+    net::TcpStream,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{Receiver, SyncSender, TryRecvError, sync_channel},
+    },
+    time::{Duration, Instant},
+};
+
+use grbl_client::client::{Command, Event};
+use serde::Deserialize;
+use tungstenite::{
+    Bytes, Error, Message, WebSocket,
+    error::CapacityError,
+    handshake::derive_accept_key,
+    protocol::{Role, WebSocketConfig},
+};
+
+use crate::http::Request;
+
+/// The longest message, bytes: of a program, and of any other command.
+const MOST_OF_PROGRAM: usize = 64 << 20;
+const MOST_OF_COMMAND: usize = 64 << 10;
+/// The most messages that wait for a page.
+const MOST_WAITING: usize = 128;
+/// How long events wait for the end of a look at what the page says.
+const LOOK: Duration = Duration::from_millis(20);
+/// How often a page is asked whether it is there, and after which silence it counts as gone.
+const PING: Duration = Duration::from_secs(1);
+const GONE: Duration = Duration::from_secs(3);
+
+/// What a page says, or what is message of it, with its number.
+#[derive(Debug)]
+pub(super) enum FromPage {
+    Opened(Page),
+    Command(usize, Command),
+    TakesControl(usize),
+    Closed(usize),
+}
+
+/// A page that is open, as the machine's side has it. Dropped, it is closed.
+#[derive(Debug)]
+pub(super) struct Page {
+    pub(super) number: usize,
+    outbox: SyncSender<Arc<str>>,
+    is_in_control: Arc<AtomicBool>,
+    stream: TcpStream,
+}
+
+impl Page {
+    /// Sends a message; returns whether there was room for it.
+    pub(super) fn send(&self, message: &Arc<str>) -> bool {
+        self.outbox.try_send(message.clone()).is_ok()
+    }
+
+    /// Lets the page send programs.
+    pub(super) fn set_control(&self, is_in_control: bool) {
+        self.is_in_control.store(is_in_control, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        let _ = self.stream.shutdown(std::net::Shutdown::Both);
+    }
+}
+
+/// What a page may say beside the commands of the client.
+#[derive(Deserialize)]
+#[serde(tag = "do", rename_all = "kebab-case")]
+enum OfServer {
+    TakeControl,
+}
+
+/// Whether a request asks for a WebSocket from a page of the same server.
+pub(super) fn is_asked(request: &Request) -> bool {
+    request.field("Upgrade").eq_ignore_ascii_case("websocket")
+        && request.field("Sec-WebSocket-Version") == "13"
+        && !request.field("Sec-WebSocket-Key").is_empty()
+        && !request.field("Origin").is_empty()
+}
+
+/// Talks with a page until it goes.
+pub(super) fn talk(
+    request: Request,
+    number: usize,
+    to_desk: &SyncSender<FromPage>,
+) -> io::Result<()> {
+    let key = derive_accept_key(request.field("Sec-WebSocket-Key").as_bytes());
+    let fields = [("Upgrade", "websocket"), ("Sec-WebSocket-Accept", &key)];
+    let (surplus, stream) = request.upgrade(&fields)?;
+    stream.set_nodelay(true)?;
+    stream.set_read_timeout(Some(LOOK))?;
+    stream.set_write_timeout(Some(PING))?;
+    let (outbox, inbox) = sync_channel(MOST_WAITING);
+    let is_in_control = Arc::new(AtomicBool::new(false));
+    let page = Page {
+        number,
+        outbox,
+        is_in_control: is_in_control.clone(),
+        stream: stream.try_clone()?,
+    };
+    let now = Instant::now();
+    let line = Line {
+        stream,
+        received: now,
+        until: now,
+    };
+    let config = WebSocketConfig::default()
+        .write_buffer_size(0)
+        .read_buffer_size(16 << 10);
+    let mut conversation = Conversation {
+        number,
+        socket: WebSocket::from_partially_read(line, surplus, Role::Server, Some(config)),
+        inbox,
+        to_desk,
+        is_in_control,
+        pinged: now,
+    };
+    if to_desk.send(FromPage::Opened(page)).is_ok() {
+        // However it ends, the page has gone.
+        let _ = conversation.run();
+        let _ = to_desk.send(FromPage::Closed(number));
+    }
+    Ok(())
+}
+
+/// A connection, of which is known when something has come.
+struct Line {
+    stream: TcpStream,
+    received: Instant,
+    /// When what comes has to wait for what goes.
+    until: Instant,
+}
+
+impl Read for Line {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let now = Instant::now();
+        if now >= self.until {
+            return Err(ErrorKind::WouldBlock.into());
+        }
+        let length = self.stream.read(bytes)?;
+        self.received = now;
+        Ok(length)
+    }
+}
+
+impl Write for Line {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.stream.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.stream.flush()
+    }
+}
+
+struct Conversation<'a> {
+    number: usize,
+    socket: WebSocket<Line>,
+    inbox: Receiver<Arc<str>>,
+    to_desk: &'a SyncSender<FromPage>,
+    is_in_control: Arc<AtomicBool>,
+    pinged: Instant,
+}
+
+impl Conversation<'_> {
+    /// Talks until either side ends it.
+    fn run(&mut self) -> Result<(), Error> {
+        loop {
+            self.speak()?;
+            let most = if self.is_in_control.load(Ordering::Relaxed) {
+                MOST_OF_PROGRAM
+            } else {
+                MOST_OF_COMMAND
+            };
+            self.socket.set_config(|config| {
+                (config.max_message_size, config.max_frame_size) = (Some(most), Some(most));
+            });
+            let now = Instant::now();
+            let line = self.socket.get_mut();
+            if now >= line.received + GONE {
+                return Ok(());
+            }
+            line.until = now + LOOK;
+            match self.socket.read() {
+                Ok(Message::Text(text)) => self.listen(&text)?,
+                Ok(Message::Binary(_)) => return Ok(()),
+                Ok(_) => {}
+                Err(Error::Io(error)) if is_early(&error) => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// Sends what waits.
+    fn speak(&mut self) -> Result<(), Error> {
+        loop {
+            match self.inbox.try_recv() {
+                Ok(text) => self.socket.send(Message::text(&*text))?,
+                Err(TryRecvError::Empty) => break,
+                Err(TryRecvError::Disconnected) => return Err(Error::ConnectionClosed),
+            }
+        }
+        let now = Instant::now();
+        if now >= self.pinged + PING {
+            self.pinged = now;
+            self.socket.send(Message::Ping(Bytes::new()))?;
+        }
+        Ok(())
+    }
+
+    /// Takes a message of the page.
+    fn listen(&mut self, text: &str) -> Result<(), Error> {
+        let command = serde_json::from_str(text);
+        let is_program = matches!(command, Ok(Command::Program { .. }));
+        if text.len() > MOST_OF_COMMAND && !is_program {
+            let (size, max_size) = (text.len(), MOST_OF_COMMAND);
+            return Err(CapacityError::MessageTooLong { size, max_size }.into());
+        }
+        let message = match command {
+            Ok(command) => FromPage::Command(self.number, command),
+            Err(_) if serde_json::from_str::<OfServer>(text).is_ok() => {
+                FromPage::TakesControl(self.number)
+            }
+            Err(error) => {
+                let text = format!("the server does not know this command: {error}");
+                let note = serde_json::to_string(&[Event::Note { text }]);
+                return self.socket.send(Message::text(note.unwrap_or_default()));
+            }
+        };
+        self.to_desk
+            .send(message)
+            .map_err(|_| Error::ConnectionClosed)
+    }
+}
+
+/// Whether there is only nothing yet.
+fn is_early(error: &io::Error) -> bool {
+    use ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    matches!(error.kind(), WouldBlock | TimedOut | Interrupted)
+}
