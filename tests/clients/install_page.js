@@ -274,7 +274,7 @@ async function look(browser, address, width) {
     check(wide <= width, `${board}: the page is ${wide} pixels wide, not ${width}`);
   }
   await page.goto(`${address}index.html`);
-  await page.click('header a');
+  await page.click('header a[href="install.html"]');
   await until(() => page.url().endsWith('/install.html'), 'the pages name each other');
   await page.close();
 }

@@ -135,6 +135,8 @@ pub const SIM: Tool = Tool {
 };
 /// The manifest of what runs the image of a board on models of its chip, from the project's root: a workspace of its own.
 pub const VIRTUAL_BOARDS: &str = "tests/virtual_board/Cargo.toml";
+/// What browsers run.
+const WASM: &str = "wasm32-unknown-unknown";
 /// What runs the image of a board on models of its chip.
 pub const VIRTUAL_BOARD: Tool = Tool {
     manifest: Some(VIRTUAL_BOARDS),
@@ -368,14 +370,37 @@ pub fn plugin() -> Result<PathBuf> {
 
 /// Builds what a browser runs: WebAssembly.
 pub fn wasm() -> Result<PathBuf> {
-    const TARGET: &str = "wasm32-unknown-unknown";
-    const WASM: Tool = Tool {
-        profile: "web",
-        target: Some(TARGET),
-        ..Tool::new("pages", "the simulator for browsers", "about a minute")
+    let tool = for_browsers("pages", "the simulator for browsers", "about a minute");
+    cargo::need_target_named(WASM)?;
+    Ok(build(tool, cargo::axes())?.with_file_name("pages.wasm"))
+}
+
+/// Builds the control page's code: WebAssembly, and the script that loads it.
+pub fn control() -> Result<[PathBuf; 2]> {
+    const GLUE: Tool = Tool {
+        has_commands: true,
+        ..Tool::new("glue", "what binds scripts to WebAssembly", "half a minute").for_any_axes()
     };
-    cargo::need_target_named(TARGET)?;
-    Ok(build(WASM, cargo::axes())?.with_file_name("pages.wasm"))
+    let tool = Tool {
+        profile: "control",
+        ..for_browsers("control", "the control page", "two minutes")
+    };
+    cargo::need_target_named(WASM)?;
+    let wasm = build(tool, cargo::axes())?.with_file_name("control.wasm");
+    let folder = wasm.with_file_name("control");
+    let mut glue = command(GLUE)?;
+    let status = glue.arg(&wasm).arg(&folder).status();
+    let status = status.with_context(|| format!("cannot start {}", GLUE.name))?;
+    ensure!(status.success(), "{} has failed ({status})", GLUE.name);
+    Ok(["control_bg.wasm", "control.js"].map(|file| folder.join(file)))
+}
+
+const fn for_browsers(package: &'static str, name: &'static str, takes: &'static str) -> Tool {
+    Tool {
+        profile: "web",
+        target: Some(WASM),
+        ..Tool::new(package, name, takes)
+    }
 }
 
 /// Runs a build, silent while there is nothing to do; returns whether it succeeds.

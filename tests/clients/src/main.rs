@@ -263,6 +263,7 @@ fn all() -> impl Iterator<Item = Check> {
         Check::new("the page of a job", view::page),
         Check::new("jobs as WebAssembly", web::jobs),
         Check::new("the page that runs jobs", web::page),
+        Check::new("the control page", web::control),
         Check::new("the page that installs a release", flashing::page),
     ])
 }

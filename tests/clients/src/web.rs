@@ -19,6 +19,8 @@ use super::{
 
 /// What looks at the page.
 const SCRIPT: &str = "web_page.js";
+/// What looks at the control page.
+const CONTROL_SCRIPT: &str = "control_page.js";
 /// Lines of a job that takes long enough to be cancelled.
 const LONG: usize = 100_000;
 /// One page is made at a time.
@@ -139,6 +141,14 @@ pub(super) fn page() -> Result<Verdict> {
         let long = folder.join("long.nc");
         fs::write(&long, programs::relief(LONG))?;
         node.args([&index, &program, &settings]).arg(hash).arg(long);
+        Ok(())
+    })
+}
+
+/// Has a browser control the virtual machine.
+pub(super) fn control() -> Result<Verdict> {
+    browser::run_script(CONTROL_SCRIPT, "control-page", |folder, node| {
+        node.arg(made(folder)?.with_file_name(pages::control::FILE));
         Ok(())
     })
 }

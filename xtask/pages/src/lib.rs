@@ -9,6 +9,8 @@
 #[cfg(all(test, feature = "commands"))]
 #[path = "../../../tests/support/cases.rs"]
 mod cases;
+#[cfg(feature = "commands")]
+pub mod control;
 pub mod pack;
 pub mod page;
 #[cfg(feature = "commands")]

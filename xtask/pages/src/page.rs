@@ -102,6 +102,12 @@ pub(crate) fn escaped(text: &str) -> String {
     text.replace('>', "&gt;").replace('"', "&quot;")
 }
 
+/// A script that ends no element of a page: in a string, `<\/` is the same.
+#[cfg(feature = "commands")]
+pub(crate) fn script_safe(script: &str) -> String {
+    script.replace("</", "<\\/")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

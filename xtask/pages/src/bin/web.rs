@@ -11,7 +11,10 @@ use common::{
 };
 use firmware::released::Released;
 use leadscrew::settings::StepRate;
-use pages::web::{install, measure, page};
+use pages::{
+    control,
+    web::{install, measure, page},
+};
 use simulation::{output::Output, proven};
 
 fn main() -> ExitCode {
@@ -47,6 +50,15 @@ fn run(options: &Options) -> Result<ExitCode> {
             "{size} bytes, of {code} of WebAssembly: {}",
             index.display()
         ),
+    );
+    let code = control::built()?;
+    let page = control::write(&code);
+    let file = folder.join(control::FILE);
+    write(&file, &page)?;
+    let [size, wasm] = [page.len(), code.wasm.len()].map(|bytes| separated(bytes as u64));
+    row(
+        "control",
+        &format!("{size} bytes, of {wasm} of WebAssembly: {}", file.display()),
     );
     if let Some(release) = release {
         let file = folder.join(install::FILE);

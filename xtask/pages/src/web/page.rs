@@ -4,6 +4,7 @@ use firmware::release::Index;
 
 use super::install;
 use crate::{
+    control,
     pack::packed,
     page::{escaped, filled},
 };
@@ -23,7 +24,9 @@ const SCRIPT: &str = include_str!("page/web.js");
 /// Returns the page with the code of the machine, which is proven for a step rate; 0: for none. The page of a release
 /// that lies beside it is named.
 pub fn write(wasm: &[u8], rate_hz: u32, release: Option<&Index>) -> String {
-    let links = release.map(|index| {
+    let control = control::FILE;
+    let control = format!("  <nav><a href=\"{control}\">Control a machine</a></nav>\n");
+    let release = release.map(|index| {
         let version = escaped(&index.version);
         let file = install::FILE;
         format!("  <nav><a href=\"{file}\">Firmware {version} for your board</a></nav>\n")
@@ -31,7 +34,7 @@ pub fn write(wasm: &[u8], rate_hz: u32, release: Option<&Index>) -> String {
     let parts = [
         ("POLICY", POLICY.into()),
         ("STYLE", STYLE.into()),
-        ("LINKS", links.unwrap_or_default()),
+        ("LINKS", control + &release.unwrap_or_default()),
         ("WASM", packed(wasm)),
         ("WORKER", WORKER.into()),
         ("RATE", rate_hz.to_string()),

@@ -1,0 +1,277 @@
+/*
+ * The control page in a browser without a window: an operator with the virtual machine, as wide as a screen from a
+ * server, and as wide as a phone as a file. It unlocks, jogs by keyboard and mouse, sets zeros, runs a program with a
+ * hold, and homes; what is held while the page is left stops.
+ *
+ * Its argument is the page.
+ */
+
+'use strict';
+
+const fs = require('fs');
+const http = require('http');
+const { pathToFileURL } = require('url');
+
+const { check, run, until } = require('./cncjs');
+const { browse, newPage } = require('./browser');
+
+const [, , pageFile] = process.argv;
+
+// A second in each direction, so that there is time for a hold.
+const PROGRAM = 'G21 G90\nG1 X5 F300\nY5\nX0\nY0\nX1.25 Y-2.5 (<b>)\n';
+const NAME = 'p <img src=x onerror=document.title=1>.nc';
+
+const delay = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+const text = (page, selector) => page.$eval(selector, (element) => element.textContent);
+const state = (page) => text(page, '#state');
+const at = (page, kind = 'work') => page.$$eval(`.readout .${kind}`, (cells) => cells.map((cell) => cell.textContent).join());
+const seen = async (page) => `${await state(page)} ${await at(page)}`;
+
+const isState = (page, wanted) => until(async () => await state(page) === wanted, `the state is ${wanted}`, () => seen(page));
+const isAt = (page, wanted, kind = 'work') => until(
+  async () => await state(page) === 'Idle' && await at(page, kind) === wanted,
+  `the machine stands at ${wanted}`,
+  () => seen(page),
+);
+
+/** Clicks what is not below the bar with hold and resume. */
+async function clickOn(element) {
+  await element.evaluate((found) => found.scrollIntoView({ block: 'center' }));
+  await element.click();
+}
+
+const click = async (page, selector) => clickOn(await page.$(selector));
+
+/** Presses a button by its name. */
+async function press(page, name) {
+  const found = await page.evaluateHandle((wanted) => [...document.querySelectorAll('button')].find(
+    (button) => (button.getAttribute('aria-label') ?? button.textContent) === wanted,
+  ), name);
+  check(found.asElement(), `there is a button ${name}`);
+  await until(() => found.evaluate((button) => !button.disabled), `${name} can be pressed`, () => seen(page));
+  await clickOn(found.asElement());
+}
+
+const choose = (page, step) => click(page, `input[name=step][value="${step}"]`);
+const jogs = (page) => page.$$eval('#log .sent code', (lines) => lines.filter((line) => line.textContent.startsWith('$J=')).length);
+
+async function connected(page) {
+  check(await state(page) === 'No machine' && await page.$eval('#hold', (button) => button.disabled), 'nothing is connected at first');
+  await click(page, '#connect');
+  await isState(page, 'Alarm: locked');
+  check(await page.$eval('#pad button', (button) => button.disabled), 'a machine that is locked is not jogged');
+  await press(page, 'Unlock');
+  await isState(page, 'Idle');
+  check(await at(page) === '0.000,0.000,0.000', await at(page));
+}
+
+/** By steps: keys count only where the pad has the focus. */
+async function stepped(page) {
+  await choose(page, 1);
+  await page.keyboard.press('PageUp');
+  await page.focus('#pad');
+  await page.keyboard.press('ArrowRight');
+  await page.keyboard.press('ArrowRight');
+  await page.keyboard.press('PageDown');
+  await isAt(page, '2.000,0.000,-1.000');
+  await choose(page, 0.1);
+  await press(page, 'Y+');
+  await press(page, 'X− Y−');
+  await isAt(page, '1.900,0.000,-1.000');
+  await press(page, 'Zero X');
+  await isAt(page, '0.000,0.000,-1.000');
+  await press(page, 'Zero all axes');
+  await isAt(page, '0.000,0.000,0.000');
+}
+
+/** Holds a key or a button until the machine moves; `end` ends it. */
+async function held(page, begin, end, what) {
+  await begin();
+  await isState(page, 'Jogging');
+  const before = await at(page);
+  await until(async () => await at(page) !== before, 'it moves', () => seen(page));
+  await end();
+  await isState(page, 'Idle');
+  const [where, count] = [await at(page), await jogs(page)];
+  await delay(400);
+  check(await at(page) === where && await jogs(page) === count, `${what}: it still moves, ${await seen(page)}`);
+}
+
+async function heldInManyWays(page, browser) {
+  await choose(page, 0);
+  const keyDown = async () => {
+    await page.focus('#pad');
+    await page.keyboard.down('ArrowLeft');
+  };
+  const keyUp = () => page.keyboard.up('ArrowLeft');
+  await held(page, keyDown, keyUp, 'the key is released');
+  await held(page, keyDown, () => page.focus('#feed'), 'the pad loses the focus');
+  await keyUp();
+  await held(page, keyDown, () => page.evaluate(() => window.dispatchEvent(new Event('blur'))), 'the window loses the focus');
+  await keyUp();
+  const leave = async () => {
+    const other = await browser.newPage();
+    await other.bringToFront();
+    await page.evaluate(() => document.dispatchEvent(new Event('visibilitychange')));
+    await other.close();
+  };
+  await held(page, keyDown, leave, 'the page is hidden');
+  await keyUp();
+  await page.bringToFront();
+  const button = await page.$('#pad button[aria-label="X+"]');
+  const mouseDown = async () => {
+    await button.evaluate((found) => found.scrollIntoView({ block: 'center' }));
+    await button.hover();
+    await page.mouse.down();
+  };
+  await held(page, mouseDown, () => page.mouse.up(), 'the button is released');
+  // Nothing tells that the page hangs: what was asked for counts for a moment alone.
+  await held(page, mouseDown, () => page.evaluate(() => {
+    const end = performance.now() + 1500;
+    while (performance.now() < end);
+    window.dispatchEvent(new Event('pointerup'));
+  }), 'the page hangs');
+  await page.mouse.up();
+}
+
+async function wentToZero(page) {
+  await press(page, 'Go to zero');
+  check((await text(page, '.setup [role=alert]')).includes('not homed'), 'the operator is asked');
+  await press(page, 'Do not move');
+  check(await page.$('.setup [role=alert]') === null, 'nothing moves');
+  await press(page, 'Go to zero');
+  await press(page, 'Move X and Y');
+  await isAt(page, '0.000,0.000,0.000');
+}
+
+async function typed(page) {
+  await page.type('#line', 'G999 <b>');
+  await page.keyboard.press('Enter');
+  await until(() => page.$('#note'), 'the error is told', () => seen(page));
+  check(/^G999 <b>: error 20, .*remove the word/.test(await text(page, '#note')), await text(page, '#note'));
+  await page.keyboard.press('ArrowUp');
+  check(await page.$eval('#line', (input) => input.value) === 'G999 <b>', 'the line comes back');
+  await page.keyboard.press('ArrowDown');
+  await page.type('#line', 'F100');
+  await page.keyboard.press('Enter');
+  await until(async () => await page.$('#note') === null, 'the next line takes the error away', () => seen(page));
+}
+
+async function ran(page) {
+  fs.writeFileSync(NAME, PROGRAM);
+  await (await page.$('#file')).uploadFile(NAME);
+  await until(async () => (await text(page, '#run')).startsWith(`Run ${NAME} from line 1`), 'the program is taken', () => text(page, '#run'));
+  await click(page, '#run');
+  await isState(page, 'Running');
+  await until(async () => await text(page, '#job') === '6 of 6 lines taken' && parseFloat(await at(page)) > 1, 'the job goes on', () => seen(page));
+  await click(page, '#hold');
+  await isState(page, 'Hold: at rest');
+  const where = await at(page);
+  await delay(400);
+  check(await at(page) === where, `it moves in a hold: ${await seen(page)}`);
+  await click(page, '#resume');
+  await until(async () => await text(page, '#job') === 'done: 6 lines', 'the job ends', async () => `${await text(page, '#job')} ${await seen(page)}`);
+  await isAt(page, '1.250,-2.500,0.000');
+  check(await page.$('img') === null && await page.title() === 'Leadscrew: control', 'a name is text');
+  await click(page, '#run');
+  await isState(page, 'Running');
+  await click(page, '#stop');
+  await until(async () => /, \d of 6 lines taken$/.test(await text(page, '#job')), 'the job is stopped', () => text(page, '#job'));
+}
+
+async function overridden(page) {
+  await press(page, 'Feed +10 %');
+  await press(page, 'Rapids 50 %');
+  const values = () => page.$$eval('.overrides output', (outputs) => outputs.map((output) => output.textContent).join());
+  await until(async () => await values() === '110 %,50 %,100 %', 'the overrides change', values);
+  await press(page, 'Feed 100 %');
+  await until(async () => await values() === '100 %,50 %,100 %', 'the feed is as programmed', values);
+}
+
+async function homed(page) {
+  if (await state(page) !== 'Idle') await press(page, 'Unlock');
+  await isState(page, 'Idle');
+  await press(page, 'Home all axes');
+  await isState(page, 'Homing');
+  await isAt(page, '-1.000,-1.000,-1.000', 'machine');
+  await press(page, 'Zero all axes');
+  await isAt(page, '0.000,0.000,0.000');
+  await choose(page, 10);
+  await press(page, 'X− Y−');
+  await press(page, 'Z−');
+  await isAt(page, '-10.000,-10.000,-10.000');
+  await press(page, 'Go to zero');
+  await isAt(page, '0.000,0.000,0.000');
+}
+
+async function disconnected(page) {
+  await click(page, '#connect');
+  await isState(page, 'No machine');
+  check(await page.$eval('#hold', (button) => button.disabled), 'nothing is held without a machine');
+  await click(page, '#connect');
+  await isState(page, 'Alarm: locked');
+}
+
+async function look(browser, address, { width, height, scheme }) {
+  const page = await newPage(browser);
+  await page.setViewport({ width, height });
+  await page.emulateMediaFeatures([{ name: 'prefers-color-scheme', value: scheme }]);
+  const faults = [];
+  page.on('pageerror', (error) => faults.push(error.message));
+  page.on('console', (message) => faults.push(`${message.type()}: ${message.text()}`));
+  page.on('request', (request) => {
+    const url = request.url();
+    if (url !== address && !url.startsWith('blob:') && !url.startsWith('data:')) faults.push(`asks for ${url}`);
+  });
+  try {
+    await page.goto(address);
+    await until(() => page.evaluate(() => document.body.dataset.ready === 'yes'), 'the page is there', () => faults.join());
+    await connected(page);
+    await stepped(page);
+    await heldInManyWays(page, browser);
+    await wentToZero(page);
+    await typed(page);
+    await ran(page);
+    await overridden(page);
+    await homed(page);
+    await disconnected(page);
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth);
+    check(wide <= width, `the page is ${wide} pixels wide`);
+    check(faults.length === 0, faults.join('\n'));
+  } finally {
+    await page.screenshot({ path: `control-${width}-${scheme}.png`, fullPage: true });
+    await page.close();
+  }
+}
+
+/** Serves the page as any web server does. */
+function serve(asked) {
+  const server = http.createServer((request, response) => {
+    if (request.url !== '/') {
+      asked.push(request.url);
+      response.writeHead(404).end();
+      return;
+    }
+    response.writeHead(200, { 'content-type': 'text/html' }).end(fs.readFileSync(pageFile));
+  });
+  return new Promise((resolve) => {
+    server.listen(0, '127.0.0.1', () => resolve(server));
+  });
+}
+
+async function main() {
+  const asked = [];
+  const server = await serve(asked);
+  const browser = await browse();
+  try {
+    await look(browser, `http://127.0.0.1:${server.address().port}/`, { width: 1400, height: 900, scheme: 'light' });
+    await look(browser, pathToFileURL(pageFile).href, { width: 390, height: 844, scheme: 'dark' });
+    check(asked.length === 0, `the server is asked for ${asked}`);
+  } finally {
+    await browser.close();
+    server.close();
+  }
+  return [0, 0, 0];
+}
+
+run(main);

@@ -1,0 +1,163 @@
+//! Lines of both sides with their times, and a line to type.
+
+use web_sys::HtmlInputElement;
+use yew::prelude::*;
+
+use crate::{
+    desk::use_desk,
+    model::{Action, Author, Entry},
+};
+
+/// The lines that are shown; the others are kept.
+const SHOWN: usize = 200;
+/// The typed lines that are kept.
+const MOST_TYPED: usize = 100;
+
+/// What was typed before, and where in it the operator is.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+struct History {
+    lines: Vec<String>,
+    at: usize,
+}
+
+impl History {
+    /// Keeps a line; the same twice is kept once.
+    fn keep(&mut self, line: &str) {
+        if self.lines.last().is_none_or(|last| last != line) {
+            self.lines.push(line.into());
+        }
+        let surplus = self.lines.len().saturating_sub(MOST_TYPED);
+        self.lines.drain(..surplus);
+        self.at = self.lines.len();
+    }
+
+    /// The line before.
+    fn back(&mut self) -> Option<String> {
+        self.at = self.at.checked_sub(1)?;
+        self.lines.get(self.at).cloned()
+    }
+
+    /// The line after, and nothing after the last.
+    fn forth(&mut self) -> String {
+        self.at = (self.at + 1).min(self.lines.len());
+        self.lines.get(self.at).cloned().unwrap_or_default()
+    }
+}
+
+/// Time of day: `12:03:04.125`.
+fn time(ms: u32) -> String {
+    let (seconds, minutes) = (ms / 1000, ms / 60_000);
+    let (hours, minutes, seconds) = (minutes / 60, minutes % 60, seconds % 60);
+    format!("{hours:02}:{minutes:02}:{seconds:02}.{:03}", ms % 1000)
+}
+
+/// A line of the console.
+fn row(entry: &Entry) -> Html {
+    let (class, mark) = match entry.author {
+        Author::Operator => ("sent", "→"),
+        Author::Machine => ("received", "←"),
+        Author::Note => ("note", "•"),
+    };
+    html! {
+        <li key={entry.number} {class}><time>{ time(entry.time_ms) }</time><i aria-hidden="true">{ mark }</i>
+            <code>{ &entry.text }</code></li>
+    }
+}
+
+/// The console.
+#[component]
+pub fn ConsoleArea() -> Html {
+    let desk = use_desk();
+    let text = use_state(String::new);
+    let history = use_mut_ref(History::default);
+    let model = &*desk.model;
+    let shown = model.log.len().saturating_sub(SHOWN);
+    // The newest is first, where it is seen without scrolling.
+    let rows = model.log.iter().skip(shown).rev().map(row);
+    let submit = {
+        let (desk, text, history) = (desk.clone(), text.clone(), history.clone());
+        Callback::from(move |event: SubmitEvent| {
+            event.prevent_default();
+            let line = text.trim().to_owned();
+            if !line.is_empty() {
+                history.borrow_mut().keep(&line);
+                desk.line(&line);
+                text.set(String::new());
+            }
+        })
+    };
+    let typed = {
+        let text = text.clone();
+        Callback::from(move |event: InputEvent| {
+            text.set(event.target_unchecked_into::<HtmlInputElement>().value());
+        })
+    };
+    let recalled = {
+        let text = text.clone();
+        Callback::from(move |event: KeyboardEvent| {
+            let line = match event.key().as_str() {
+                "ArrowUp" => history.borrow_mut().back(),
+                "ArrowDown" => Some(history.borrow_mut().forth()),
+                _ => return,
+            };
+            event.prevent_default();
+            if let Some(line) = line {
+                text.set(line);
+            }
+        })
+    };
+    let show = {
+        let model = desk.model.dispatcher();
+        Callback::from(move |event: Event| {
+            let input = event.target_unchecked_into::<HtmlInputElement>();
+            model.dispatch(Action::ShowReports(input.checked()));
+        })
+    };
+    let clear = {
+        let model = desk.model.dispatcher();
+        Callback::from(move |_: MouseEvent| model.dispatch(Action::Clear))
+    };
+    html! {
+        <section class="console" aria-label="Console">
+            <h2>{ "Console" }</h2>
+            <form onsubmit={submit}>
+                <label>{ "Line " }<input id="line" autocomplete="off" spellcheck="false" value={(*text).clone()}
+                    oninput={typed} onkeydown={recalled} disabled={!model.is_there()} /></label>
+                <button disabled={!model.is_there()}>{ "Send" }</button>
+                <label><input type="checkbox" checked={model.shows_reports} onchange={show} />{ " status reports" }</label>
+                <button type="button" onclick={clear}>{ "Clear" }</button>
+            </form>
+            <ol id="log" tabindex="0" aria-label="Lines, the newest first">{ for rows }</ol>
+        </section>
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn typed_lines_come_back() {
+        let mut history = History::default();
+        assert_eq!(history.back(), None);
+        for line in ["$$", "G0X1", "G0X1"] {
+            history.keep(line);
+        }
+        assert_eq!(history.back().unwrap(), "G0X1");
+        assert_eq!(history.back().unwrap(), "$$");
+        assert_eq!(history.back(), None);
+        assert_eq!(history.forth(), "G0X1");
+        assert_eq!(history.forth(), "");
+        for number in 0..2 * MOST_TYPED {
+            history.keep(&number.to_string());
+        }
+        assert_eq!(history.lines.len(), MOST_TYPED);
+        assert_eq!(history.back().unwrap(), "199");
+    }
+
+    #[test]
+    fn times_are_of_the_day() {
+        assert_eq!(time(0), "00:00:00.000");
+        assert_eq!(time(86_399_999), "23:59:59.999");
+    }
+}

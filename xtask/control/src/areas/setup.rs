@@ -1,0 +1,176 @@
+//! Setting up: homing, unlocking, zeros, and the way back to them.
+
+use grbl_client::realtime;
+use leadscrew::axis::LETTERS;
+use yew::prelude::*;
+
+use crate::{
+    desk::{Desk, use_desk},
+    model::Model,
+};
+
+/// How fast the machine goes to zero, mm/min: as fast as its axes can, since a jog is no faster than they are.
+const FEED: f64 = 10_000.0;
+
+/// The zero of some axes in the present work system, where the machine is now.
+pub(crate) fn zero_line(axes: impl IntoIterator<Item = usize>) -> String {
+    let words = { axes.into_iter() }
+        .filter_map(|axis| LETTERS.get(axis))
+        .map(|letter| format!("{}0", char::from(*letter)));
+    format!("G10L20P0{}", words.collect::<String>())
+}
+
+/// The lines that lead to the zero of X and Y: Z goes first to where homing has left it. They are jogs, which change no
+/// mode and end with a jog's cancel.
+fn lines_to_zero(model: &Model) -> Vec<String> {
+    let unit = if model.reports_inches { "G20" } else { "G21" };
+    let feed = if model.reports_inches {
+        FEED / 25.4
+    } else {
+        FEED
+    };
+    let mut lines = Vec::new();
+    let height = model.homed.as_ref().and_then(|homed| homed.get(2));
+    if let (Some(top), Some(now)) = (height, model.machine.machine.get(2))
+        && top > now
+    {
+        lines.push(format!("$J=G53G90{unit}Z{top:.3}F{feed:.0}"));
+    }
+    lines.push(format!("$J=G90{unit}X0Y0F{feed:.0}"));
+    lines
+}
+
+/// A button that sends a line.
+fn line_button(desk: &Desk, text: &str, name: &str, line: String, is_on: bool) -> Html {
+    let desk = desk.clone();
+    let press = Callback::from(move |_: MouseEvent| desk.line(&line));
+    html! {
+        <button type="button" disabled={!is_on} onclick={press} aria-label={name.to_owned()}>{ text.to_owned() }</button>
+    }
+}
+
+/// Setting up.
+#[component]
+pub fn SetupArea() -> Html {
+    let desk = use_desk();
+    let model = &*desk.model;
+    let axes = model.machine.machine.len();
+    let is_locked = model.is_there() && model.state_name() == "Alarm";
+    let may_home = is_locked || (model.takes_lines() && model.state_name() == "Idle");
+    let reset = {
+        let desk = desk.clone();
+        Callback::from(move |_: MouseEvent| desk.byte(realtime::RESET))
+    };
+    let letters = LETTERS.iter().take(axes).map(|letter| char::from(*letter));
+    let home_axes = letters.clone().map(|letter| {
+        let name = format!("Home {letter}");
+        line_button(
+            &desk,
+            &letter.to_string(),
+            &name,
+            format!("$H{letter}"),
+            may_home,
+        )
+    });
+    let zero_axes = letters.enumerate().map(|(axis, letter)| {
+        let name = format!("Zero {letter}");
+        line_button(
+            &desk,
+            &letter.to_string(),
+            &name,
+            zero_line([axis]),
+            model.takes_lines(),
+        )
+    });
+    html! {
+        <section class="setup" aria-label="Set-up">
+            <h2>{ "Set-up" }</h2>
+            <div role="group" aria-label="Home">
+                { line_button(&desk, "Home", "Home all axes", "$H".into(), may_home) }{ for home_axes }
+            </div>
+            <div role="group" aria-label="Zero">
+                { line_button(&desk, "Zero", "Zero all axes", zero_line(0..axes), model.takes_lines()) }{ for zero_axes }
+            </div>
+            <div role="group" aria-label="Locks">
+                { line_button(&desk, "Unlock", "Unlock", "$X".into(), is_locked) }
+                <button type="button" disabled={!model.is_there()} onclick={reset}>{ "Reset" }</button>
+            </div>
+            <GoToZero />
+        </section>
+    }
+}
+
+/// To the zero of X and Y. Where the top of Z is not known, the operator is asked.
+#[component]
+fn GoToZero() -> Html {
+    let desk = use_desk();
+    let is_asked = use_state(|| false);
+    let may_go = desk.model.may_jog();
+    let go = {
+        let (desk, is_asked) = (desk.clone(), is_asked.clone());
+        Callback::from(move |_: MouseEvent| {
+            is_asked.set(false);
+            for line in lines_to_zero(&desk.model) {
+                desk.line(&line);
+            }
+        })
+    };
+    let begin = {
+        let (is_homed, is_asked, go) = (desk.model.homed.is_some(), is_asked.clone(), go.clone());
+        Callback::from(move |event: MouseEvent| {
+            if is_homed {
+                go.emit(event);
+            } else {
+                is_asked.set(true);
+            }
+        })
+    };
+    let leave = {
+        let is_asked = is_asked.clone();
+        Callback::from(move |_: MouseEvent| is_asked.set(false))
+    };
+    html! {
+        <div role="group" aria-label="Go to zero">
+            <button type="button" disabled={!may_go} onclick={begin}>{ "Go to zero" }</button>
+            if *is_asked && may_go {
+                <p role="alert">{ "The machine was not homed, so Z cannot be raised to its top first: X and Y move at the \
+                    present height. Is the tool free?" }</p>
+                <button type="button" onclick={go}>{ "Move X and Y" }</button>
+                <button type="button" onclick={leave}>{ "Do not move" }</button>
+            }
+        </div>
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(z_mm: f64, homed: Option<f64>) -> Model {
+        let mut model = Model {
+            homed: homed.map(|z_mm| vec![-1.0, -1.0, z_mm]),
+            ..Model::default()
+        };
+        model.machine.machine = vec![5.0, 6.0, z_mm];
+        model
+    }
+
+    #[test]
+    fn zeros_are_of_the_present_work_system() {
+        assert_eq!(zero_line([2]), "G10L20P0Z0");
+        assert_eq!(zero_line(0..4), "G10L20P0X0Y0Z0A0");
+    }
+
+    #[test]
+    fn z_goes_up_first_where_its_top_is_known() {
+        let both = ["$J=G53G90G21Z-1.000F10000", "$J=G90G21X0Y0F10000"];
+        assert_eq!(lines_to_zero(&at(-30.0, Some(-1.0))), both);
+        assert_eq!(lines_to_zero(&at(-1.0, Some(-1.0))), both[1..]);
+        assert_eq!(lines_to_zero(&at(-30.0, None)), both[1..]);
+        let in_inches = Model {
+            reports_inches: true,
+            ..at(-2.0, Some(-0.04))
+        };
+        assert_eq!(lines_to_zero(&in_inches)[0], "$J=G53G90G20Z-0.040F394");
+    }
+}

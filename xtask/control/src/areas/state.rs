@@ -1,0 +1,271 @@
+//! The machine as it is: position, state, alarm, pins, feed and speed, overrides, modes.
+
+use grbl_client::{client::State, realtime};
+use leadscrew::axis::LETTERS;
+use yew::prelude::*;
+
+use crate::{desk::use_desk, model::Model};
+
+/// The state in words.
+pub(crate) fn state_words(model: &Model) -> &'static str {
+    if !model.is_there() {
+        return "No machine";
+    }
+    match model.machine.state.as_str() {
+        "Idle" => "Idle",
+        "Run" => "Running",
+        "Hold:0" => "Hold: at rest",
+        "Hold:1" | "Hold" => "Hold: slowing down",
+        "Jog" => "Jogging",
+        "Alarm" => "Alarm: locked",
+        "Door:0" => "Door closed: resume to go on",
+        "Door:1" => "Door open: at rest",
+        "Door:2" => "Door open: slowing down",
+        "Door:3" | "Door" => "Door closed: going on",
+        "Check" => "Check: nothing moves",
+        "Home" => "Homing",
+        "Sleep" => "Asleep: reset to wake up",
+        "Tool" => "Change of the tool",
+        _ => "Unknown state",
+    }
+}
+
+/// The colour of a state: a class of the style.
+pub(crate) fn state_class(model: &Model) -> &'static str {
+    if !model.is_there() {
+        return "gone";
+    }
+    match model.state_name() {
+        "Idle" => "idle",
+        "Run" => "run",
+        "Hold" | "Door" | "Tool" => "hold",
+        "Jog" | "Home" => "jog",
+        "Alarm" => "alarm",
+        _ => "other",
+    }
+}
+
+/// A coordinate; one that rounds to nothing has no sign.
+pub(crate) fn coordinate(value: f64) -> String {
+    let text = format!("{value:.3}");
+    if text == "-0.000" {
+        "0.000".into()
+    } else {
+        text
+    }
+}
+
+/// The inputs that are active, in words.
+fn pin_words(pins: &str) -> String {
+    let words = pins.chars().map(|pin| match pin {
+        'P' => "probe".to_owned(),
+        'D' => "door".into(),
+        'H' => "hold button".into(),
+        'R' => "reset button".into(),
+        'S' => "start button".into(),
+        axis => format!("limit {axis}"),
+    });
+    list(words)
+}
+
+/// What is on, in words.
+fn accessory_words(accessories: &str) -> String {
+    let words = accessories.chars().filter_map(|one| match one {
+        'S' => Some("spindle clockwise".to_owned()),
+        'C' => Some("spindle counterclockwise".into()),
+        'F' => Some("flood".into()),
+        'M' => Some("mist".into()),
+        _ => None,
+    });
+    list(words)
+}
+
+fn list(words: impl Iterator<Item = String>) -> String {
+    let words: Vec<_> = words.collect();
+    if words.is_empty() {
+        "none".into()
+    } else {
+        words.join(", ")
+    }
+}
+
+/// The mode of a group, by its words as they come in `$G`.
+fn mode(state: &State, is_of_group: impl Fn(&str) -> bool) -> String {
+    let word = state.modes.iter().find(|word| is_of_group(word));
+    word.cloned().unwrap_or_default()
+}
+
+/// Work system, unit and tool.
+fn mode_words(state: &State) -> [(&'static str, String); 3] {
+    let system = mode(state, |word| {
+        let number = word.strip_prefix('G').and_then(|it| it.parse::<f64>().ok());
+        number.is_some_and(|number| (54.0..60.0).contains(&number))
+    });
+    let unit = match mode(state, |word| matches!(word, "G20" | "G21")).as_str() {
+        "G20" => "inches (G20)".to_owned(),
+        "G21" => "mm (G21)".into(),
+        _ => String::new(),
+    };
+    let tool = mode(state, |word| word.starts_with('T'));
+    [("Work system", system), ("Unit", unit), ("Tool", tool)]
+}
+
+/// An override with its value, and the texts and bytes of its buttons.
+type Override = (&'static str, u16, [(&'static str, u8); 3]);
+
+fn overrides(state: &State) -> [Override; 3] {
+    let [feed, rapids, spindle] = state.overrides;
+    let kept = |minus, reset, plus| [("−10 %", minus), ("100 %", reset), ("+10 %", plus)];
+    let feed_buttons = kept(
+        realtime::FEED_MINUS_10,
+        realtime::FEED_RESET,
+        realtime::FEED_PLUS_10,
+    );
+    let rapid_buttons = [
+        ("25 %", realtime::RAPIDS_QUARTER),
+        ("50 %", realtime::RAPIDS_HALF),
+        ("100 %", realtime::RAPIDS_FULL),
+    ];
+    let spindle_buttons = kept(
+        realtime::SPINDLE_MINUS_10,
+        realtime::SPINDLE_RESET,
+        realtime::SPINDLE_PLUS_10,
+    );
+    [
+        ("Feed", feed, feed_buttons),
+        ("Rapids", rapids, rapid_buttons),
+        ("Spindle", spindle, spindle_buttons),
+    ]
+}
+
+/// The machine as it is.
+#[component]
+pub fn StateArea() -> Html {
+    let desk = use_desk();
+    let model = &*desk.model;
+    let state = &model.machine;
+    let unit = if model.reports_inches { "in" } else { "mm" };
+    let axes = state.work.iter().zip(&state.machine).zip(LETTERS);
+    let rows = axes.map(|((work, machine), letter)| {
+        let letter = char::from(letter).to_string();
+        html! {
+            <tr data-axis={letter.clone()}>
+                <th scope="row">{ letter }</th>
+                <td class="work">{ coordinate(*work) }</td>
+                <td class="machine">{ coordinate(*machine) }</td>
+            </tr>
+        }
+    });
+    html! {
+        <section class="state" aria-label="Machine">
+            <h2 id="state" class={state_class(model)} aria-live="polite">{ state_words(model) }</h2>
+            if let Some((number, text)) = &state.alarm {
+                <p id="alarm" role="alert">{ format!("Alarm {number}: {text}") }</p>
+            }
+            if !model.note.is_empty() { <p id="note" role="alert">{ &model.note }</p> }
+            <table class="readout">
+                <thead><tr>
+                    <th scope="col">{ "Axis" }</th>
+                    <th scope="col">{ format!("Work, {unit}") }</th>
+                    <th scope="col">{ format!("Machine, {unit}") }</th>
+                </tr></thead>
+                <tbody>{ for rows }</tbody>
+            </table>
+            { values(state, unit) }
+            <Overrides />
+        </section>
+    }
+}
+
+/// What is beside the position, by names.
+fn values(state: &State, unit: &str) -> Html {
+    let mut values = vec![
+        ("Feed", format!("{:.0} {unit}/min", state.feed)),
+        ("Spindle", format!("{:.0} rpm", state.spindle)),
+        ("Accessories", accessory_words(&state.accessories)),
+        ("Inputs", pin_words(&state.pins)),
+    ];
+    values.extend(mode_words(state));
+    if let Some((blocks, bytes)) = state.room {
+        values.push(("Free", format!("{blocks} moves, {bytes} bytes")));
+    }
+    let values = { values.into_iter() }
+        .filter(|(_, value)| !value.is_empty())
+        .map(|(name, value)| html! { <div><dt>{ name }</dt><dd>{ value }</dd></div> });
+    html! { <dl class="values">{ for values }</dl> }
+}
+
+/// The overrides.
+#[component]
+fn Overrides() -> Html {
+    let desk = use_desk();
+    let is_off = !desk.model.is_there();
+    let rows = overrides(&desk.model.machine).map(|(name, value, buttons)| {
+        let buttons = buttons.map(|(text, byte)| {
+            let desk = desk.clone();
+            let press = Callback::from(move |_: MouseEvent| desk.byte(byte));
+            html! {
+                <button type="button" disabled={is_off} onclick={press}
+                    aria-label={format!("{name} {text}")}>{ text }</button>
+            }
+        });
+        html! {
+            <div role="group" aria-label={format!("{name} override")} data-override={name}>
+                <span>{ name }</span><output>{ format!("{value} %") }</output>{ for buttons }
+            </div>
+        }
+    });
+    html! { <div class="overrides">{ for rows }</div> }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Connection;
+
+    fn model(state: &str) -> Model {
+        let machine = State {
+            is_there: true,
+            state: state.into(),
+            ..State::default()
+        };
+        Model {
+            connection: Connection::Open,
+            machine,
+            ..Model::default()
+        }
+    }
+
+    #[test]
+    fn each_state_has_words_and_a_colour() {
+        for (state, words, class) in [
+            ("Idle", "Idle", "idle"),
+            ("Hold:1", "Hold: slowing down", "hold"),
+            ("Door:0", "Door closed: resume to go on", "hold"),
+            ("Alarm", "Alarm: locked", "alarm"),
+            ("Home", "Homing", "jog"),
+            ("Tool", "Change of the tool", "hold"),
+            ("<b>", "Unknown state", "other"),
+        ] {
+            let model = model(state);
+            assert_eq!((state_words(&model), state_class(&model)), (words, class));
+        }
+        assert_eq!(state_words(&Model::default()), "No machine");
+    }
+
+    #[test]
+    fn inputs_outputs_and_modes_are_words() {
+        assert_eq!(pin_words("PXD"), "probe, limit X, door");
+        assert_eq!(accessory_words("SFM"), "spindle clockwise, flood, mist");
+        assert_eq!(accessory_words(""), "none");
+        let words = ["G0", "G54", "G17", "G21", "G90", "T3", "F100"];
+        let state = State {
+            modes: words.map(str::to_owned).to_vec(),
+            ..State::default()
+        };
+        let words = mode_words(&state).map(|(_, word)| word);
+        assert_eq!(words, ["G54", "mm (G21)", "T3"]);
+        assert_eq!(coordinate(-0.000_4), "0.000");
+        assert_eq!(coordinate(-1.5), "-1.500");
+    }
+}

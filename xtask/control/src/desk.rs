@@ -1,0 +1,62 @@
+//! What each area of the page has: what is known, and the way to the machine.
+
+use std::{cell::Cell, rc::Rc};
+
+use grbl_client::client::Command;
+use yew::{UseReducerHandle, hook, use_context};
+
+use crate::{
+    link::Link,
+    model::{Action, Model},
+    wire::Transport,
+};
+
+/// What each area has.
+#[derive(Clone)]
+pub(crate) struct Desk {
+    pub(crate) model: UseReducerHandle<Model>,
+    pub(crate) link: Rc<Link>,
+    /// The number of the last line.
+    pub(crate) lines: Rc<Cell<u32>>,
+}
+
+impl PartialEq for Desk {
+    fn eq(&self, other: &Self) -> bool {
+        self.model == other.model
+    }
+}
+
+impl Desk {
+    /// Hands a command to the client.
+    pub(crate) fn send(&self, command: Command) {
+        self.link.send(command);
+    }
+
+    /// Sends a line.
+    pub(crate) fn line(&self, text: &str) {
+        let number = self.lines.get() + 1;
+        self.lines.set(number);
+        self.model.dispatch(Action::Sent(number, text.into()));
+        self.send(Command::Line {
+            number,
+            text: text.into(),
+        });
+    }
+
+    /// Sends a realtime byte.
+    pub(crate) fn byte(&self, byte: u8) {
+        self.send(Command::Realtime { byte });
+    }
+
+    /// Opens a line to a machine.
+    pub(crate) fn connect(&self, transport: Transport) {
+        self.model.dispatch(Action::Opening);
+        self.link.connect(transport);
+    }
+}
+
+/// The desk.
+#[hook]
+pub(crate) fn use_desk() -> Desk {
+    use_context().expect("the page has a desk")
+}

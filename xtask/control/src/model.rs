@@ -1,0 +1,347 @@
+//! What the page knows, in one place: the state of the machine, the lines, and what follows from both.
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    rc::Rc,
+};
+
+use grbl_client::{
+    Line,
+    client::{Event, State},
+};
+use yew::Reducible;
+
+use crate::worker::Reply;
+
+/// How many lines the console keeps.
+const MOST_LINES: usize = 1000;
+
+/// Whether there is a line to a machine.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Connection {
+    /// There is none: why, or nothing where the page closed it.
+    Closed(String),
+    /// The page has asked for one.
+    Opening,
+    /// There is one.
+    Open,
+}
+
+impl Default for Connection {
+    fn default() -> Self {
+        Self::Closed(String::new())
+    }
+}
+
+/// Who has written a line of the console.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Author {
+    /// The page's side.
+    Operator,
+    /// The machine.
+    Machine,
+    /// The client or the page: what the operator is to read.
+    Note,
+}
+
+/// A line of the console.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Entry {
+    /// Its number, by which the page finds it again.
+    pub number: u64,
+    /// When: ms since midnight.
+    pub time_ms: u32,
+    /// Who.
+    pub author: Author,
+    /// What.
+    pub text: String,
+}
+
+/// What the page knows.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Model {
+    /// Whether there is a line to a machine.
+    pub connection: Connection,
+    /// The machine, as its client knows it.
+    pub machine: State,
+    /// The console.
+    pub log: VecDeque<Entry>,
+    /// Status reports are in it.
+    pub shows_reports: bool,
+    /// What the operator is to read now.
+    pub note: String,
+    /// The machine position at the switches, in the unit of the reports, since the machine was homed.
+    pub homed: Option<Vec<f64>>,
+    /// `$13`: the reports are in inches.
+    pub reports_inches: bool,
+    /// Lines that are not answered, by their numbers.
+    pub(crate) unanswered: BTreeMap<u32, String>,
+    /// Homing has ended, and its position is not reported yet.
+    pub(crate) has_homed: bool,
+    pub(crate) entries: u64,
+}
+
+/// What changes it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Action {
+    /// The client has replied, at a time in ms since midnight.
+    Reply(Reply, u32),
+    /// The page has asked for a line to a machine.
+    Opening,
+    /// The page has sent a line with a number.
+    Sent(u32, String),
+    /// Status reports are to be in the console, or not.
+    ShowReports(bool),
+    /// The console is emptied.
+    Clear,
+}
+
+impl Reducible for Model {
+    type Action = Action;
+
+    fn reduce(self: Rc<Self>, action: Action) -> Rc<Self> {
+        let mut model = Rc::unwrap_or_clone(self);
+        model.act(action);
+        Rc::new(model)
+    }
+}
+
+impl Model {
+    /// Whether a machine answers.
+    pub fn is_there(&self) -> bool {
+        self.connection == Connection::Open && self.machine.is_there
+    }
+
+    /// The state without its number: `Hold`.
+    pub fn state_name(&self) -> &str {
+        self.machine.state.split(':').next().unwrap_or_default()
+    }
+
+    /// Whether a job is under way.
+    pub fn is_job_running(&self) -> bool {
+        self.machine.job.as_ref().is_some_and(|job| job.is_running)
+    }
+
+    /// Whether the machine takes lines of the operator: it is there and at rest, and no job is under way.
+    pub fn takes_lines(&self) -> bool {
+        self.is_there()
+            && matches!(self.state_name(), "Idle" | "Tool" | "Check")
+            && (!self.is_job_running() || self.state_name() == "Tool")
+    }
+
+    /// Whether the machine may be jogged.
+    pub fn may_jog(&self) -> bool {
+        self.is_there()
+            && !self.is_job_running()
+            && matches!(self.state_name(), "Idle" | "Jog" | "Tool")
+    }
+
+    fn act(&mut self, action: Action) {
+        match action {
+            Action::Reply(reply, time_ms) => self.reply(reply, time_ms),
+            Action::Opening => {
+                *self = Self {
+                    log: std::mem::take(&mut self.log),
+                    shows_reports: self.shows_reports,
+                    entries: self.entries,
+                    connection: Connection::Opening,
+                    ..Self::default()
+                }
+            }
+            Action::Sent(number, text) => {
+                self.note.clear();
+                self.unanswered.insert(number, text);
+            }
+            Action::ShowReports(shows) => self.shows_reports = shows,
+            Action::Clear => self.log.clear(),
+        }
+    }
+
+    fn reply(&mut self, reply: Reply, time_ms: u32) {
+        match reply {
+            Reply::Connected => self.connection = Connection::Open,
+            Reply::Disconnected(reason) => {
+                let is_repeated = { self.log.back() }.is_some_and(|entry| entry.text == reason);
+                if !reason.is_empty() && !is_repeated {
+                    self.push(time_ms, Author::Note, reason.clone());
+                }
+                self.connection = Connection::Closed(reason);
+                self.machine.is_there = false;
+                self.unanswered.clear();
+                self.forget_homing();
+            }
+            Reply::Events(events) => {
+                for event in events {
+                    self.event(event, time_ms);
+                }
+            }
+        }
+    }
+
+    fn event(&mut self, event: Event, time_ms: u32) {
+        match event {
+            Event::State(state) => self.take_state(*state),
+            Event::Line { is_sent, text } => self.take_line(is_sent, text, time_ms),
+            Event::Answer {
+                number, response, ..
+            } => self.take_answer(number, &response),
+            Event::Note { text } => {
+                self.push(time_ms, Author::Note, text.clone());
+                self.note = text;
+            }
+        }
+    }
+
+    fn take_state(&mut self, state: State) {
+        self.machine = state;
+        match self.state_name() {
+            "Alarm" => self.forget_homing(),
+            "Idle" if self.has_homed => {
+                self.has_homed = false;
+                self.homed = Some(self.machine.machine.clone());
+            }
+            _ => {}
+        }
+    }
+
+    fn take_line(&mut self, is_sent: bool, text: String, time_ms: u32) {
+        let author = if is_sent {
+            Author::Operator
+        } else {
+            Author::Machine
+        };
+        let is_report = match Line::read(&text) {
+            Line::Report(_) => true,
+            Line::Welcome if !is_sent => {
+                self.forget_homing();
+                false
+            }
+            Line::Setting(13, value) => {
+                self.reports_inches = value.trim() == "1";
+                false
+            }
+            _ => false,
+        };
+        if !is_report || self.shows_reports {
+            self.push(time_ms, author, text);
+        }
+    }
+
+    fn take_answer(&mut self, number: u32, response: &str) {
+        let Some(text) = self.unanswered.remove(&number) else {
+            return;
+        };
+        if let Some(error) = response.strip_prefix("error:") {
+            let number = error.trim().parse().ok();
+            let meaning = number.and_then(grbl_client::meaning::error_with_remedy);
+            let meaning = meaning.map_or_else(String::new, |meaning| format!(", {meaning}"));
+            self.note = format!("{text}: error {error}{meaning}");
+        } else if response == "ok" && text.eq_ignore_ascii_case("$H") {
+            self.has_homed = true;
+        }
+    }
+
+    /// The position may be another one than that of homing.
+    fn forget_homing(&mut self) {
+        self.homed = None;
+        self.has_homed = false;
+    }
+
+    fn push(&mut self, time_ms: u32, author: Author, text: String) {
+        if self.log.len() == MOST_LINES {
+            self.log.pop_front();
+        }
+        self.entries += 1;
+        self.log.push_back(Entry {
+            number: self.entries,
+            time_ms,
+            author,
+            text,
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn after(events: Vec<Event>) -> Model {
+        let mut model = Model::default();
+        model.act(Action::Reply(Reply::Connected, 0));
+        model.act(Action::Sent(1, "$H".into()));
+        model.act(Action::Sent(2, "G999".into()));
+        model.act(Action::Reply(Reply::Events(events), 5));
+        model
+    }
+
+    fn state(name: &str, z_mm: f64) -> Event {
+        Event::State(Box::new(State {
+            is_there: true,
+            state: name.into(),
+            machine: vec![0.0, 0.0, z_mm],
+            ..State::default()
+        }))
+    }
+
+    fn answer(number: u32, response: &str) -> Event {
+        Event::Answer {
+            number,
+            lines: Vec::new(),
+            response: response.into(),
+        }
+    }
+
+    fn line(text: &str) -> Event {
+        Event::Line {
+            is_sent: false,
+            text: text.into(),
+        }
+    }
+
+    #[test]
+    fn the_position_of_homing_is_known_until_an_alarm_or_a_reset() {
+        let homed = vec![state("Home", -3.0), answer(1, "ok"), state("Idle", -1.0)];
+        assert_eq!(after(homed.clone()).homed, Some(vec![0.0, 0.0, -1.0]));
+        for end in [state("Alarm", -1.0), line("Grbl 1.1h ['$' for help]")] {
+            let events = [homed.clone(), vec![end]].concat();
+            assert_eq!(after(events).homed, None);
+        }
+        assert_eq!(after(vec![answer(1, ""), state("Idle", -1.0)]).homed, None);
+    }
+
+    #[test]
+    fn an_error_is_explained_beside_its_line() {
+        let model = after(vec![answer(2, "error:20")]);
+        assert!(model.note.starts_with("G999: error 20, "), "{}", model.note);
+        assert!(model.note.contains("remove the word"), "{}", model.note);
+    }
+
+    #[test]
+    fn reports_are_in_the_console_where_they_are_asked_for() {
+        let lines = || vec![line("<Idle|MPos:0,0,0|FS:0,0>"), line("ok"), line("$13=1")];
+        let mut model = after(lines());
+        assert_eq!(model.log.len(), 2);
+        assert!(model.reports_inches);
+        model.act(Action::ShowReports(true));
+        model.act(Action::Reply(Reply::Events(lines()), 6));
+        assert_eq!(model.log.len(), 5);
+        for _ in 0..MOST_LINES {
+            model.act(Action::Reply(Reply::Events(lines()), 7));
+        }
+        assert_eq!(model.log.len(), MOST_LINES);
+    }
+
+    #[test]
+    fn a_lost_line_is_told_and_takes_the_machine_away() {
+        let mut model = after(vec![state("Idle", 0.0)]);
+        assert!(model.takes_lines() && model.may_jog());
+        model.act(Action::Reply(
+            Reply::Disconnected("the cable is out".into()),
+            1,
+        ));
+        assert!(!model.is_there() && !model.may_jog());
+        assert_eq!(model.log.back().unwrap().text, "the cable is out");
+        model.act(Action::Opening);
+        assert_eq!(model.machine, State::default());
+    }
+}

@@ -1,0 +1,204 @@
+//! The client of a machine in a worker: a browser that slows a hidden page down leaves it alone.
+
+use std::cell::RefCell;
+
+use gloo_timers::callback::Interval;
+use grbl_client::{
+    Client,
+    client::{Command, Event},
+};
+use serde::{Deserialize, Serialize};
+use wasm_bindgen::{JsCast as _, JsValue, prelude::Closure};
+use web_sys::{DedicatedWorkerGlobalScope, MessageEvent, WorkerGlobalScope};
+
+use crate::wire::{self, Transport, Wire};
+
+/// How often the client goes on, ms.
+const TICK_MS: u32 = 20;
+
+/// What the page asks the worker for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Request {
+    /// Opens a line, in place of any other.
+    Connect(Transport),
+    /// Closes it. A jog ends before.
+    Disconnect,
+    /// For the client.
+    Command(Command),
+}
+
+/// What the worker answers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Reply {
+    /// There is a line; whether a machine is at its end, its state says.
+    Connected,
+    /// There is none any more: why, as a sentence, or nothing where the page closed it.
+    Disconnected(String),
+    /// What the page is to show.
+    Events(Vec<Event>),
+}
+
+/// The client and its line.
+#[derive(Default)]
+pub struct Controller {
+    client: Client,
+    wire: Option<Box<dyn Wire>>,
+}
+
+impl Controller {
+    /// Takes what the page asks for, at a time in ms.
+    pub fn request(&mut self, request: Request, now_ms: u64) -> Vec<Reply> {
+        match request {
+            Request::Connect(transport) => {
+                self.close(now_ms);
+                self.client = Client::default();
+                match wire::open(&transport, now_ms) {
+                    Ok(wire) => {
+                        self.wire = Some(wire);
+                        vec![Reply::Connected]
+                    }
+                    Err(reason) => vec![Reply::Disconnected(reason)],
+                }
+            }
+            Request::Disconnect => {
+                self.close(now_ms);
+                vec![Reply::Disconnected(String::new())]
+            }
+            Request::Command(command) => {
+                if self.wire.is_some() {
+                    self.client.command(command, now_ms);
+                }
+                Vec::new()
+            }
+        }
+    }
+
+    /// Goes on.
+    pub fn tick(&mut self, now_ms: u64) -> Vec<Reply> {
+        let Some(wire) = &mut self.wire else {
+            return Vec::new();
+        };
+        self.client.tick(now_ms);
+        let received = wire.exchange(&self.client.take_output(), now_ms);
+        let mut replies = Vec::new();
+        match received {
+            Ok(bytes) => self.client.receive(&bytes, now_ms),
+            Err(reason) => {
+                self.wire = None;
+                self.client.lose_line();
+                replies.push(Reply::Disconnected(reason));
+            }
+        }
+        let events = self.client.take_events();
+        if !events.is_empty() {
+            replies.insert(0, Reply::Events(events));
+        }
+        replies
+    }
+
+    /// Ends a jog, and closes the line.
+    fn close(&mut self, now_ms: u64) {
+        if let Some(mut wire) = self.wire.take() {
+            self.client.leave();
+            // Where the line is broken, there is nobody to stop.
+            let _ = wire.exchange(&self.client.take_output(), now_ms);
+            self.client.lose_line();
+        }
+    }
+}
+
+thread_local! {
+    static CONTROLLER: RefCell<Controller> = RefCell::default();
+}
+
+/// Begins.
+pub(crate) fn start() {
+    let scope: DedicatedWorkerGlobalScope = js_sys::global().unchecked_into();
+    let poster = scope.clone();
+    let on_message = Closure::<dyn FnMut(MessageEvent)>::new(move |event: MessageEvent| {
+        let text = event.data().as_string().unwrap_or_default();
+        if let Ok(request) = serde_json::from_str(&text) {
+            post(
+                &poster,
+                CONTROLLER.with_borrow_mut(|it| it.request(request, now_ms())),
+            );
+        }
+    });
+    scope.set_onmessage(Some(on_message.as_ref().unchecked_ref()));
+    on_message.forget();
+    let tick = move || post(&scope, CONTROLLER.with_borrow_mut(|it| it.tick(now_ms())));
+    Interval::new(TICK_MS, tick).forget();
+}
+
+fn now_ms() -> u64 {
+    // A clock that nobody sets.
+    let scope: WorkerGlobalScope = js_sys::global().unchecked_into();
+    scope.performance().map_or(0.0, |clock| clock.now()) as u64
+}
+
+fn post(scope: &DedicatedWorkerGlobalScope, replies: Vec<Reply>) {
+    for reply in replies {
+        let text = serde_json::to_string(&reply).unwrap_or_default();
+        // A text can always be copied.
+        let _ = scope.post_message(&JsValue::from(text));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(controller: &mut Controller, from_ms: u64, ms: u64) -> Vec<Reply> {
+        let times = (from_ms..from_ms + ms).step_by(TICK_MS as usize);
+        times.flat_map(|now_ms| controller.tick(now_ms)).collect()
+    }
+
+    fn x_mm(controller: &Controller) -> f64 {
+        controller.client.state().machine[0]
+    }
+
+    #[test]
+    fn a_jog_at_the_virtual_machine_ends_with_the_line() {
+        let mut controller = Controller::default();
+        let command = |command| Request::Command(command);
+        let connected = controller.request(Request::Connect(Transport::Virtual), 0);
+        assert_eq!(connected, [Reply::Connected]);
+        let replies = run(&mut controller, 0, 500);
+        assert!(matches!(replies[0], Reply::Events(_)));
+        let line = Command::Line {
+            number: 1,
+            text: "$X".into(),
+        };
+        controller.request(command(line), 500);
+        run(&mut controller, 500, 500);
+        assert_eq!(controller.client.state().state, "Idle");
+        let step = Command::Step {
+            by: vec![1.5, 0.0, 0.0],
+            feed: 3000.0,
+        };
+        controller.request(command(step), 1000);
+        run(&mut controller, 1000, 3000);
+        assert_eq!(x_mm(&controller), 1.5);
+        let replies = controller.request(Request::Disconnect, 4000);
+        assert_eq!(replies, [Reply::Disconnected(String::new())]);
+        assert_eq!(run(&mut controller, 4000, 200), []);
+    }
+
+    #[test]
+    fn requests_and_replies_are_json() {
+        let request = Request::Connect(Transport::Serial {
+            index: 0,
+            ports: 1,
+            baud: 115_200,
+        });
+        let text = serde_json::to_string(&request).unwrap();
+        assert_eq!(
+            text,
+            r#"{"Connect":{"Serial":{"index":0,"ports":1,"baud":115200}}}"#
+        );
+        assert_eq!(serde_json::from_str::<Request>(&text).unwrap(), request);
+        let reply = Reply::Events(vec![Event::Note { text: "<b>".into() }]);
+        let text = serde_json::to_string(&reply).unwrap();
+        assert_eq!(serde_json::from_str::<Reply>(&text).unwrap(), reply);
+    }
+}

@@ -1,0 +1,115 @@
+//! The control page: one file with everything in it.
+
+use std::{fs, path::Path};
+
+use anyhow::{Context as _, Result};
+use common::tools;
+
+use crate::{
+    pack::packed,
+    page::{filled, script_safe},
+};
+
+/// What a browser may do with the page: run what is in it, also in a thread of its own, and speak with who serves it
+/// and with the controllers that the operator names. Only a WebSocket leaves the page.
+const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; \
+    style-src 'unsafe-inline'; worker-src blob:; img-src data:; connect-src 'self' ws: wss:; base-uri 'none'; \
+    form-action 'none'";
+/// The same where the local program has the machine: nothing leaves the page but to who serves it.
+const SERVED_POLICY: &str = "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval'; \
+    style-src 'unsafe-inline'; img-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'";
+
+/// The name of its file, beside the simulator's page.
+pub const FILE: &str = "control.html";
+
+const FRAME: &str = include_str!("control/control.html");
+/// The look of the pages, of which the page's own follows.
+const STYLES: [&str; 2] = [
+    include_str!("web/page/web.css"),
+    include_str!("control/control.css"),
+];
+/// What begins in the worker.
+const WORKER: &str = include_str!("control/worker.js");
+const SCRIPT: &str = include_str!("control/start.js");
+
+/// The code of the page, as `wasm-bindgen` writes it.
+pub struct Code {
+    /// WebAssembly.
+    pub wasm: Vec<u8>,
+    /// The script that loads it.
+    pub glue: String,
+}
+
+/// Builds the code.
+pub fn built() -> Result<Code> {
+    let [wasm, glue] = tools::control()?;
+    let read =
+        |file: &Path| fs::read(file).with_context(|| format!("cannot read {}", file.display()));
+    let glue = String::from_utf8(read(&glue)?).context("wasm-bindgen writes no text")?;
+    Ok(Code {
+        wasm: read(&wasm)?,
+        glue,
+    })
+}
+
+/// Returns the page for a folder of files: it connects to machines by itself.
+pub fn write(code: &Code) -> String {
+    let links = "  <nav><a href=\"index.html\">A job before it is cut</a></nav>\n";
+    page(code, POLICY, links, "")
+}
+
+/// Returns the page that the local program serves: it has the machine.
+pub fn served(code: &Code) -> String {
+    page(code, SERVED_POLICY, "", "program")
+}
+
+fn page(code: &Code, policy: &str, links: &str, server: &str) -> String {
+    let parts = [
+        ("POLICY", policy.into()),
+        ("STYLE", STYLES.concat()),
+        ("LINKS", links.into()),
+        ("SERVER", server.into()),
+        ("WASM", packed(&code.wasm)),
+        ("GLUE", script_safe(&code.glue)),
+        ("WORKER", WORKER.into()),
+        ("SCRIPT", SCRIPT.into()),
+    ];
+    filled(FRAME, &parts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn code() -> Code {
+        Code {
+            wasm: b"\0asm".to_vec(),
+            glue: "let wasm_bindgen = '</script>';".into(),
+        }
+    }
+
+    #[test]
+    fn the_page_names_no_address_and_leaves_by_a_websocket_alone() {
+        for page in [write(&code()), served(&code())] {
+            for part in ["http:", "https:", "url(", "import(", "@import", "src="] {
+                assert!(!page.contains(part), "{part}");
+            }
+            assert!(page.contains("default-src 'none'") && !page.contains("{{"));
+        }
+        assert!(served(&code()).contains("connect-src 'self';"));
+    }
+
+    #[test]
+    fn no_script_ends_early() {
+        let page = write(&code());
+        let begun = page.matches("<script").count();
+        assert_eq!((begun, page.matches("</script>").count()), (4, 4));
+        assert!(served(&code()).contains("data-server=\"program\""));
+    }
+
+    #[test]
+    fn the_folder_leads_back_to_the_simulator_and_the_server_has_none() {
+        assert!(write(&code()).contains("<a href=\"index.html\">"));
+        assert!(!served(&code()).contains("index.html"));
+    }
+}
