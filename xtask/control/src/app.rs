@@ -10,9 +10,13 @@ use crate::{
         connection::ConnectionArea,
         console::ConsoleArea,
         jog::JogArea,
+        macros::MacroArea,
+        probe::ProbeArea,
         program::{HoldBar, ProgramArea},
+        settings::SettingsArea,
         setup::SetupArea,
         state::StateArea,
+        tables::TablesArea,
     },
     desk::Desk,
     link::Link,
@@ -86,6 +90,10 @@ pub fn App(start: &Start) -> Html {
                 <JogArea />
                 <SetupArea />
                 <ProgramArea />
+                <ProbeArea />
+                <TablesArea />
+                <MacroArea />
+                <SettingsArea />
                 <ConsoleArea />
             </div>
             </main>

@@ -3,6 +3,10 @@
 pub mod connection;
 pub mod console;
 pub mod jog;
+pub mod macros;
+pub mod probe;
 pub mod program;
+pub mod settings;
 pub mod setup;
 pub mod state;
+pub mod tables;

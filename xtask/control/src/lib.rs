@@ -13,6 +13,7 @@ pub mod areas;
 mod desk;
 pub mod link;
 pub mod model;
+mod storage;
 pub mod wire;
 pub mod worker;
 

@@ -13,6 +13,10 @@ use yew::Reducible;
 
 use crate::worker::Reply;
 
+/// The questions whose answers are kept.
+const QUESTIONS: [&str; 4] = ["$#", "$TT", "$EG", "$ES"];
+/// The setting of reports in inches.
+const REPORTS_INCHES: u16 = 13;
 /// How many lines the console keeps.
 const MOST_LINES: usize = 1000;
 
@@ -74,6 +78,10 @@ pub struct Model {
     pub homed: Option<Vec<f64>>,
     /// `$13`: the reports are in inches.
     pub reports_inches: bool,
+    /// What the machine has answered to questions such as `$#`, by the question.
+    pub answers: BTreeMap<String, Rc<Vec<String>>>,
+    /// The settings, as they are written, as far as they are known.
+    pub settings: BTreeMap<u16, String>,
     /// Lines that are not answered, by their numbers.
     pub(crate) unanswered: BTreeMap<u32, String>,
     /// Homing has ended, and its position is not reported yet.
@@ -183,8 +191,10 @@ impl Model {
             Event::State(state) => self.take_state(*state),
             Event::Line { is_sent, text } => self.take_line(is_sent, text, time_ms),
             Event::Answer {
-                number, response, ..
-            } => self.take_answer(number, &response),
+                number,
+                lines,
+                response,
+            } => self.take_answer(number, lines, &response),
             Event::Note { text } => {
                 self.push(time_ms, Author::Note, text.clone());
                 self.note = text;
@@ -216,8 +226,8 @@ impl Model {
                 self.forget_homing();
                 false
             }
-            Line::Setting(13, value) => {
-                self.reports_inches = value.trim() == "1";
+            Line::Setting(number, value) if !is_sent => {
+                self.take_setting(number, value);
                 false
             }
             _ => false,
@@ -227,7 +237,14 @@ impl Model {
         }
     }
 
-    fn take_answer(&mut self, number: u32, response: &str) {
+    fn take_setting(&mut self, number: u16, value: &str) {
+        self.settings.insert(number, value.trim().into());
+        if number == REPORTS_INCHES {
+            self.reports_inches = value.trim() == "1";
+        }
+    }
+
+    fn take_answer(&mut self, number: u32, lines: Vec<String>, response: &str) {
         let Some(text) = self.unanswered.remove(&number) else {
             return;
         };
@@ -236,8 +253,14 @@ impl Model {
             let meaning = number.and_then(grbl_client::meaning::error_with_remedy);
             let meaning = meaning.map_or_else(String::new, |meaning| format!(", {meaning}"));
             self.note = format!("{text}: error {error}{meaning}");
-        } else if response == "ok" && text.eq_ignore_ascii_case("$H") {
+        } else if response != "ok" {
+            // The machine was reset.
+        } else if text.eq_ignore_ascii_case("$H") {
             self.has_homed = true;
+        } else if let Line::Setting(number, value) = Line::read(&text) {
+            self.take_setting(number, value);
+        } else if QUESTIONS.contains(&text.as_str()) {
+            self.answers.insert(text, Rc::new(lines));
         }
     }
 

@@ -74,15 +74,22 @@ impl Client {
         let modes = modes.clone();
         match next {
             Next::Line(line) => self.ask(Origin::Cycle, line),
-            Next::Done(line, text) => {
-                self.end_cycle(&text);
-                self.ask(Origin::Page(None), line);
-                self.ask(Origin::Page(None), modes);
+            Next::Done(line, text) => self.finish_cycle(&text, [line, modes]),
+            Next::Reference(line, text, contact_mm) => {
+                self.state.reference_mm = Some(contact_mm);
+                self.finish_cycle(&text, [line, modes]);
             }
             Next::Failed(text) => {
                 self.end_cycle(&text);
                 self.ask(Origin::Page(None), modes);
             }
+        }
+    }
+
+    fn finish_cycle(&mut self, text: &str, lines: [String; 2]) {
+        self.end_cycle(text);
+        for line in lines {
+            self.ask(Origin::Page(None), line);
         }
     }
 

@@ -82,6 +82,8 @@ pub(super) enum Next {
     Line(String),
     /// The cycle has ended: a line that sets what was found, and what the operator is to read.
     Done(String, String),
+    /// The same of the reference tool, with where it has made contact.
+    Reference(String, String, f64),
     /// It has ended for a reason.
     Failed(String),
 }
@@ -318,12 +320,14 @@ impl Cycle {
         match self.probing.target {
             Target::ToolLength { reference_mm } => {
                 let contact = self.contacts[Z][0];
-                let length = reference_mm.map_or(0.0, |reference| contact - reference);
-                let text = match reference_mm {
-                    Some(_) => format!("tool length {length:.3} mm against the reference tool"),
-                    None => format!("reference tool: contact at machine Z {contact:.3} mm"),
+                let line = |length: f64| format!("G21G43.1Z{length:.3}");
+                let Some(reference) = reference_mm else {
+                    let text = format!("reference tool: contact at machine Z {contact:.3} mm");
+                    return Next::Reference(line(0.0), text, contact);
                 };
-                return Next::Done(format!("G21G43.1Z{length:.3}"), text);
+                let length = contact - reference;
+                let text = format!("tool length {length:.3} mm against the reference tool");
+                return Next::Done(line(length), text);
             }
             Target::Top => found.push((Z, self.contacts[Z][0] - self.probing.plate)),
             Target::CornerOutside { side, with_top } => {

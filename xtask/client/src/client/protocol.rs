@@ -114,6 +114,8 @@ pub struct State {
     pub alarm: Option<(String, String)>,
     /// A probing cycle is under way.
     pub is_probing: bool,
+    /// Where the reference tool has made contact, as machine position Z, mm, once it was measured.
+    pub reference_mm: Option<f64>,
     /// The program, and how far the job is.
     pub job: Option<JobState>,
 }
