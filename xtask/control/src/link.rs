@@ -52,6 +52,13 @@ impl Link {
         }
     }
 
+    /// Takes control of the local program's machine from another page.
+    pub fn take_control(&self) {
+        if let Self::Program(program) = self {
+            program.take_control();
+        }
+    }
+
     /// Hands a command to the client.
     pub fn send(&self, command: Command) {
         match self {

@@ -11,7 +11,7 @@ use grbl_client::{
 };
 use yew::Reducible;
 
-use crate::worker::Reply;
+use crate::worker::{Control, Reply};
 
 /// The questions whose answers are kept.
 const QUESTIONS: [&str; 4] = ["$#", "$TT", "$EG", "$ES"];
@@ -68,6 +68,8 @@ pub struct Model {
     pub connection: Connection,
     /// The machine, as its client knows it.
     pub machine: State,
+    /// Who controls the machine, where the local program has it.
+    pub control: Option<Control>,
     /// The console.
     pub log: VecDeque<Entry>,
     /// Status reports are in it.
@@ -115,6 +117,13 @@ impl Reducible for Model {
 }
 
 impl Model {
+    /// Whether another page controls the machine of the local program.
+    pub fn is_watching(&self) -> bool {
+        self.control
+            .as_ref()
+            .is_some_and(|control| !control.is_mine)
+    }
+
     /// Whether a machine answers.
     pub fn is_there(&self) -> bool {
         self.connection == Connection::Open && self.machine.is_there
@@ -133,6 +142,7 @@ impl Model {
     /// Whether the machine takes lines of the operator: it is there and at rest, and no job is under way.
     pub fn takes_lines(&self) -> bool {
         self.is_there()
+            && !self.is_watching()
             && matches!(self.state_name(), "Idle" | "Tool" | "Check")
             && (!self.is_job_running() || self.state_name() == "Tool")
     }
@@ -140,6 +150,7 @@ impl Model {
     /// Whether the machine may be jogged.
     pub fn may_jog(&self) -> bool {
         self.is_there()
+            && !self.is_watching()
             && !self.is_job_running()
             && matches!(self.state_name(), "Idle" | "Jog" | "Tool")
     }
@@ -178,6 +189,7 @@ impl Model {
                 self.unanswered.clear();
                 self.forget_homing();
             }
+            Reply::Control(control) => self.control = Some(control),
             Reply::Events(events) => {
                 for event in events {
                     self.event(event, time_ms);
@@ -330,6 +342,22 @@ mod tests {
             assert_eq!(after(events).homed, None);
         }
         assert_eq!(after(vec![answer(1, ""), state("Idle", -1.0)]).homed, None);
+    }
+
+    #[test]
+    fn a_page_that_watches_moves_nothing() {
+        let mut model = after(vec![state("Idle", 0.0)]);
+        let mut control = Control {
+            is_mine: true,
+            is_taken: true,
+            machine: "tty".into(),
+            is_connected: true,
+        };
+        model.act(Action::Reply(Reply::Control(control.clone()), 0));
+        assert!(model.takes_lines() && model.may_jog());
+        control.is_mine = false;
+        model.act(Action::Reply(Reply::Control(control), 0));
+        assert!(model.is_there() && !model.takes_lines() && !model.may_jog());
     }
 
     #[test]

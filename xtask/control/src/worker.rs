@@ -36,6 +36,21 @@ pub enum Reply {
     Disconnected(String),
     /// What the page is to show.
     Events(Vec<Event>),
+    /// Who controls the machine, where the local program has it.
+    Control(Control),
+}
+
+/// Who controls the machine of the local program: one page, and the others watch.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Control {
+    /// This page.
+    pub is_mine: bool,
+    /// Any page.
+    pub is_taken: bool,
+    /// The machine's port or address.
+    pub machine: String,
+    /// There is a line to it.
+    pub is_connected: bool,
 }
 
 /// The client and its line.

@@ -15,10 +15,6 @@ use crate::{
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; \
     style-src 'unsafe-inline'; worker-src blob:; img-src data:; connect-src 'self' ws: wss:; base-uri 'none'; \
     form-action 'none'";
-/// The same where the local program has the machine: nothing leaves the page but to who serves it.
-const SERVED_POLICY: &str = "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval'; \
-    style-src 'unsafe-inline'; img-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'";
-
 /// The name of its file, beside the simulator's page.
 pub const FILE: &str = "control.html";
 
@@ -55,26 +51,38 @@ pub fn built() -> Result<Code> {
 /// Returns the page for a folder of files: it connects to machines by itself.
 pub fn write(code: &Code) -> String {
     let links = "  <nav><a href=\"index.html\">A job before it is cut</a></nav>\n";
-    page(code, POLICY, links, "")
-}
-
-/// Returns the page that the local program serves: it has the machine.
-pub fn served(code: &Code) -> String {
-    page(code, SERVED_POLICY, "", "program")
-}
-
-fn page(code: &Code, policy: &str, links: &str, server: &str) -> String {
     let parts = [
-        ("POLICY", policy.into()),
+        ("POLICY", POLICY.into()),
         ("STYLE", STYLES.concat()),
         ("LINKS", links.into()),
-        ("SERVER", server.into()),
         ("WASM", packed(&code.wasm)),
         ("GLUE", script_safe(&code.glue)),
         ("WORKER", WORKER.into()),
         ("SCRIPT", SCRIPT.into()),
     ];
     filled(FRAME, &parts)
+}
+
+/// A file that is served: its path, its type and its content.
+pub type File = (&'static str, &'static str, Vec<u8>);
+
+/// The files of the page that the local program serves, which has the machine. Nothing in it is inline, so that a
+/// browser can be told to run files of the server alone.
+pub fn served(code: Code) -> Vec<File> {
+    const SERVED: &str = include_str!("control/served.html");
+    const SCRIPT: &str = include_str!("control/served.js");
+    const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
+    vec![
+        ("/", "text/html; charset=utf-8", SERVED.into()),
+        (
+            "/page.css",
+            "text/css; charset=utf-8",
+            STYLES.concat().into(),
+        ),
+        ("/glue.js", JAVASCRIPT, code.glue.into()),
+        ("/page.js", JAVASCRIPT, SCRIPT.into()),
+        ("/page.wasm", "application/wasm", code.wasm),
+    ]
 }
 
 #[cfg(test)]
@@ -90,13 +98,12 @@ mod tests {
 
     #[test]
     fn the_page_names_no_address_and_leaves_by_a_websocket_alone() {
-        for page in [write(&code()), served(&code())] {
-            for part in ["http:", "https:", "url(", "import(", "@import", "src="] {
-                assert!(!page.contains(part), "{part}");
-            }
-            assert!(page.contains("default-src 'none'") && !page.contains("{{"));
+        let page = write(&code());
+        for part in ["http:", "https:", "url(", "import(", "@import", "src="] {
+            assert!(!page.contains(part), "{part}");
         }
-        assert!(served(&code()).contains("connect-src 'self';"));
+        assert!(page.contains("default-src 'none'") && !page.contains("{{"));
+        assert!(page.contains("<a href=\"index.html\">"));
     }
 
     #[test]
@@ -104,12 +111,22 @@ mod tests {
         let page = write(&code());
         let begun = page.matches("<script").count();
         assert_eq!((begun, page.matches("</script>").count()), (4, 4));
-        assert!(served(&code()).contains("data-server=\"program\""));
     }
 
     #[test]
-    fn the_folder_leads_back_to_the_simulator_and_the_server_has_none() {
-        assert!(write(&code()).contains("<a href=\"index.html\">"));
-        assert!(!served(&code()).contains("index.html"));
+    fn the_served_page_asks_for_its_own_files_and_has_nothing_inline() {
+        let files = served(code());
+        let page = String::from_utf8_lossy(&files[0].2).into_owned();
+        let named = page
+            .split(['"', '\''])
+            .filter(|word| word.starts_with("page.") || word.starts_with("glue."));
+        for name in named {
+            assert!(files.iter().any(|(path, ..)| path[1..] == *name), "{name}");
+        }
+        assert_eq!(
+            page.matches("<script").count(),
+            page.matches("<script src=").count()
+        );
+        assert!(!page.contains("<style") && !page.contains(" style="));
     }
 }

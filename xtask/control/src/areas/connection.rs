@@ -45,7 +45,16 @@ fn words(model: &Model) -> String {
         Connection::Closed(reason) if reason.is_empty() => "not connected".into(),
         Connection::Closed(reason) => reason.clone(),
         Connection::Opening => "connecting".into(),
-        Connection::Open if model.machine.is_there => "connected".into(),
+        Connection::Open if !model.control.iter().all(|control| control.is_connected) => {
+            "there is no line to the machine: it is looked for".into()
+        }
+        Connection::Open if model.is_watching() => {
+            "another page controls the machine: this one watches".into()
+        }
+        Connection::Open if model.machine.is_there => match &model.control {
+            Some(control) => format!("connected: {}", control.machine),
+            None => "connected".into(),
+        },
         Connection::Open => "connected, but no machine answers".into(),
     }
 }
@@ -114,7 +123,18 @@ pub fn ConnectionArea() -> Html {
     let words = words(&desk.model);
     let status = html! { <p role="status" id="connection">{ words }</p> };
     if !desk.link.has_choice() {
-        return html! { <section class="connection" aria-label="Connection">{ status }</section> };
+        let take = {
+            let desk = desk.clone();
+            Callback::from(move |_: MouseEvent| desk.link.take_control())
+        };
+        return html! {
+            <section class="connection" aria-label="Connection">
+                { status }
+                if desk.model.is_watching() {
+                    <button id="take-control" type="button" class="main" onclick={take}>{ "Take control" }</button>
+                }
+            </section>
+        };
     }
     let submit = {
         let (desk, choice) = (desk.clone(), choice.clone());

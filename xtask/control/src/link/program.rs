@@ -5,12 +5,13 @@ use std::{cell::RefCell, rc::Rc};
 use gloo_events::EventListener;
 use gloo_timers::callback::Timeout;
 use grbl_client::client::{Command, Event};
+use serde::Deserialize;
 use serde_json::Value;
 use wasm_bindgen::JsCast as _;
 use web_sys::{MessageEvent, WebSocket};
 use yew::Callback;
 
-use crate::worker::Reply;
+use crate::worker::{Control, Reply};
 
 /// Where the program has it.
 const PATH: &str = "/socket";
@@ -41,14 +42,53 @@ impl ToProgram {
 
     /// Sends a command. One that is asked for without a connection is dropped: nothing moves when it is back.
     pub(super) fn send(&self, command: &Command) {
-        let text = serde_json::to_string(command).unwrap_or_default();
+        self.send_text(&serde_json::to_string(command).unwrap_or_default());
+    }
+
+    /// Takes control from another page.
+    pub(super) fn take_control(&self) {
+        self.send_text(r#"{"do":"take-control"}"#);
+    }
+
+    fn send_text(&self, text: &str) {
         let connection = self.0.borrow();
         let socket = connection.socket.as_ref();
         if let Some(socket) = socket.filter(|socket| socket.ready_state() == WebSocket::OPEN) {
             // One that is closing says so by its event.
-            let _ = socket.send_with_str(&text);
+            let _ = socket.send_with_str(text);
         }
     }
+}
+
+/// What the program tells: events of the client, and who controls.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Told {
+    Control(OfControl),
+    Event(Event),
+}
+
+#[derive(Deserialize)]
+#[serde(tag = "is", rename_all = "kebab-case")]
+enum OfControl {
+    Control(Control),
+}
+
+/// What a message of the program tells.
+fn replies_of(text: &str) -> Vec<Reply> {
+    let values: Vec<Value> = serde_json::from_str(text).unwrap_or_default();
+    let mut events = Vec::new();
+    let mut replies = Vec::new();
+    for value in values {
+        match serde_json::from_value(value) {
+            Ok(Told::Control(OfControl::Control(control))) => replies.push(Reply::Control(control)),
+            Ok(Told::Event(event)) => events.push(event),
+            // A newer program may report more.
+            Err(_) => {}
+        }
+    }
+    replies.push(Reply::Events(events));
+    replies
 }
 
 /// Where the program listens.
@@ -59,13 +99,6 @@ fn address() -> Option<String> {
         _ => "ws",
     };
     Some(format!("{scheme}://{}{PATH}", location.host().ok()?))
-}
-
-/// The events of a message. What the program says of itself is none.
-fn events(message: &str) -> Vec<Event> {
-    let all: Vec<Value> = serde_json::from_str(message).unwrap_or_default();
-    let events = all.into_iter().map(serde_json::from_value);
-    events.filter_map(Result::ok).collect()
 }
 
 fn open(connection: &Rc<RefCell<Connection>>) {
@@ -85,7 +118,9 @@ fn open(connection: &Rc<RefCell<Connection>>) {
         EventListener::new(&socket, "message", move |event| {
             let data = event.unchecked_ref::<MessageEvent>().data();
             let text = data.as_string().unwrap_or_default();
-            received.emit(Reply::Events(events(&text)));
+            for reply in replies_of(&text) {
+                received.emit(reply);
+            }
         }),
         EventListener::new(&socket, "close", move |_| {
             replies.emit(Reply::Disconnected(
@@ -113,12 +148,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_the_program_reports_of_itself_hides_no_event() {
-        let text = r#"[{"is":"control","is_mine":true},{"is":"note","text":"idle"}]"#;
-        let note = Event::Note {
-            text: "idle".into(),
+    fn events_and_control_come_in_one_message() {
+        let text = r#"[{"is":"control","is_mine":false,"is_taken":true,"pages":2,"machine":"tty","is_connected":true},
+            {"is":"later"},{"is":"note","text":"hello"}]"#;
+        let control = Control {
+            is_mine: false,
+            is_taken: true,
+            machine: "tty".into(),
+            is_connected: true,
         };
-        assert_eq!(events(text), [note]);
-        assert_eq!(events("<b>"), []);
+        let note = Event::Note {
+            text: "hello".into(),
+        };
+        let expected = [Reply::Control(control), Reply::Events(vec![note])];
+        assert_eq!(replies_of(text), expected);
+        assert_eq!(replies_of("nonsense"), [Reply::Events(Vec::new())]);
     }
 }

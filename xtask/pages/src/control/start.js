@@ -22,7 +22,7 @@ async function start() {
   wasm_bindgen.initSync({ module });
   const parts = [textOf('glue'), textOf('worker')];
   const address = URL.createObjectURL(new Blob(parts, { type: 'text/javascript' }));
-  wasm_bindgen.start_page(module, address, document.body.dataset.server);
+  wasm_bindgen.start_page(module, address, '');
   document.body.dataset.ready = 'yes';
 }
 

@@ -30,7 +30,7 @@ use simulation::interrupt::interruptions;
 
 use crate::{
     http::{self, Request},
-    site::{self, File, Site},
+    site::Site,
     source::{self, Source},
 };
 use access::Token;
@@ -57,24 +57,13 @@ const MOST_PAGES: usize = 16;
 const POLICY: &str = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src data:; \
     connect-src 'self'; base-uri 'none'; form-action 'none'";
 
-/// The files of the page.
-fn control_page() -> Vec<File> {
-    vec![
-        ("/", site::HTML, include_bytes!("control/page.html").into()),
-        (
-            "/page.js",
-            site::SCRIPT,
-            include_bytes!("control/page.js").into(),
-        ),
-    ]
-}
-
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     ensure!(
         options.settings.is_none() || options.sim,
         "--settings needs --sim here"
     );
+    let files = ::pages::control::served(::pages::control::built()?);
     let Source {
         link,
         simulator: _simulator,
@@ -82,7 +71,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let stop = interruptions()?;
     let (machine, _) = source::greet(link, &stop)?;
     let token = Token::new()?;
-    let (listener, site) = Site::bind(&options.listen, POLICY, control_page())?;
+    let (listener, site) = Site::bind(&options.listen, POLICY, files)?;
     let url = format!("{}?{}", site.url(), token.query());
     let (to_desk, from_pages) = sync_channel(MOST_UNREAD);
     serve(listener, site, token, to_desk);
