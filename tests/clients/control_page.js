@@ -1,7 +1,7 @@
 /*
  * The control page in a browser without a window: an operator with the virtual machine, as wide as a screen from a
  * server, and as wide as a phone as a file. It unlocks, jogs by keyboard and mouse, sets zeros, runs a program with a
- * hold, and homes; what is held while the page is left stops.
+ * hold, changes a setting, probes, uses a macro, and homes; what is held while the page is left stops.
  *
  * Its argument is the page.
  */
@@ -188,6 +188,60 @@ async function overridden(page) {
   await until(async () => await values() === '100 %,50 %,100 %', 'the feed is as programmed', values);
 }
 
+/** Types a value in place of another one, and leaves the field. */
+async function fill(page, selector, value) {
+  await page.$eval(selector, (field) => {
+    const fold = field.closest('details');
+    if (fold) fold.open = true;
+  });
+  await page.focus(selector);
+  await page.$eval(selector, (field) => field.select());
+  await page.keyboard.type(value);
+  await page.keyboard.press('Tab');
+}
+
+async function configured(page) {
+  if (await state(page) !== 'Idle') await press(page, 'Unlock');
+  await isState(page, 'Idle');
+  await click(page, '#read-settings');
+  await until(() => page.$('#setting-798'), 'the settings are read', () => seen(page));
+  await fill(page, '#setting-112', '0');
+  const rows = () => page.$$eval('.settings [role=alert], .settings .changed', (found) => found.map((it) => it.textContent).join());
+  await until(async () => (await rows()).includes('at least 0.'), 'a value out of range is refused', rows);
+  await fill(page, '#setting-112', '3200');
+  await until(async () => (await rows()).includes('was 3000.000'), 'the setting is changed', rows);
+}
+
+/** Touches the plate, which is 90 mm below the middle of the travel. */
+async function probed(page) {
+  await page.select('#probe-target', 'top');
+  await fill(page, '#probe-search', '150');
+  await fill(page, '#probe-feed', '3000');
+  check((await text(page, '.probe .hint')).includes('Z -150.0 to +0.0'), 'the motion is told before');
+  await click(page, '#probe');
+  await isState(page, 'Running');
+  const note = async () => (await page.$('#note') ? text(page, '#note') : '');
+  await until(async () => (await note()).startsWith('zero at machine Z-'), 'the plate is found', async () => `${await note()} ${await seen(page)}`);
+  await isState(page, 'Idle');
+  await until(async () => Math.abs(parseFloat((await at(page)).split(',')[2]) - 2) < 0.1, 'zero is at the contact', () => seen(page));
+  await click(page, '#read-tables');
+  const system = () => page.$eval('input[aria-label="G54 Z"]', (field) => field.value).catch(() => '');
+  await until(async () => Math.abs(parseFloat(await system()) + 90) < 2, 'G54 has it', system);
+}
+
+async function repeated(page) {
+  await page.$eval('.macros details', (fold) => { fold.open = true; });
+  await page.type('#macro-name', 'lift');
+  await page.type('#macro-text', 'G21G90\nG0Z{height=3}');
+  await press(page, 'Keep');
+  await press(page, 'lift');
+  const field = await page.waitForSelector('.macros > form input');
+  await field.focus();
+  await page.keyboard.press('Enter');
+  await until(async () => (await at(page)).endsWith(',3.000') && await state(page) === 'Idle', 'the macro runs', () => seen(page));
+  await press(page, 'Remove lift');
+}
+
 async function homed(page) {
   if (await state(page) !== 'Idle') await press(page, 'Unlock');
   await isState(page, 'Idle');
@@ -233,6 +287,9 @@ async function look(browser, address, { width, height, scheme }) {
     await typed(page);
     await ran(page);
     await overridden(page);
+    await configured(page);
+    await probed(page);
+    await repeated(page);
     await homed(page);
     await disconnected(page);
     const wide = await page.evaluate(() => document.documentElement.scrollWidth);

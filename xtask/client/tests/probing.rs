@@ -111,6 +111,20 @@ fn the_top_is_found_below_a_plate_and_modes_are_as_before() {
 }
 
 #[test]
+fn a_fast_touch_is_left_before_the_second_one() {
+    let mut desk = desk();
+    let fast = Probing {
+        feed: 2000.0,
+        retract: 0.5,
+        ..probing(Target::Top)
+    };
+    let note = probe(&mut desk, fast);
+    assert!(note.starts_with("zero at machine Z-5.3"), "{note}");
+    let back = desk.place_mm()[2] - TOP;
+    assert!((back - 0.5).abs() < 0.02, "{back}");
+}
+
+#[test]
 fn a_corner_is_found_from_above() {
     for with_top in [true, false] {
         let mut desk = desk();

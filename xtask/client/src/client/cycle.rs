@@ -122,11 +122,14 @@ impl Client {
 
     fn position_mm(&self) -> Option<Vec<f64>> {
         let position = self.status.machine_position()?;
+        let position = Some(position).filter(|it| it.len() >= PROBED_AXES)?;
         let scale = self.mm_per_unit();
         Some(position.iter().map(|value| value * scale).collect())
     }
 }
 
+/// A machine has at least these.
+const PROBED_AXES: usize = 3;
 const MM_PER_INCH: f64 = 25.4;
 /// The setting of reports in inches.
 const REPORTS_INCHES: u16 = 13;
@@ -137,8 +140,8 @@ fn contact(line: &str, scale: f64) -> Option<(Vec<f64>, bool)> {
         return None;
     };
     let (place, is_touched) = text.split_once(':')?;
-    let place = numbers(place)?.iter().map(|value| value * scale).collect();
-    Some((place, is_touched == "1"))
+    let place: Vec<f64> = numbers(place)?.iter().map(|value| value * scale).collect();
+    (place.len() >= PROBED_AXES).then_some((place, is_touched == "1"))
 }
 
 /// The line that makes of the words of a cycle those before: a motion that needs no more words, units, distances,

@@ -95,7 +95,7 @@ enum Sent {
     Guarded,
     /// The first touch and the second, along an axis in a direction.
     First(usize, f64),
-    Second(usize),
+    Second(usize, f64),
     /// Something that probes nothing.
     Back,
 }
@@ -235,7 +235,7 @@ impl Cycle {
 
     /// Goes on at rest at a machine position, mm, with what the last line has answered: the contact of a probing move.
     pub(super) fn next(&mut self, at: &[f64], contact: Option<(Vec<f64>, bool)>) -> Next {
-        if let Err(fault) = self.take(contact) {
+        if let Err(fault) = self.take(at, contact) {
             return Next::Failed(fault);
         }
         while self.lines.is_empty() {
@@ -253,33 +253,37 @@ impl Cycle {
         }
     }
 
-    /// Takes the answer to the last line.
-    fn take(&mut self, contact: Option<(Vec<f64>, bool)>) -> Result<(), String> {
-        let touched = contact
-            .filter(|(_, is_touched)| *is_touched)
-            .map(|(at, _)| at);
+    /// Takes the answer to the last line, with the machine at rest at a position.
+    fn take(&mut self, at: &[f64], contact: Option<(Vec<f64>, bool)>) -> Result<(), String> {
+        let Probing { retract, feed, .. } = self.probing;
+        let touched = contact.filter(|(_, is_touched)| *is_touched);
+        // It comes to rest beyond the contact, the farther the faster it was.
+        let back = |axis: usize, direction: f64, contact: &[f64]| {
+            let beyond = (at[axis] - contact[axis]).abs();
+            line("G91G21G1", axis, -direction * (retract + beyond), feed)
+        };
         match (self.sent.take(), touched) {
             (None | Some(Sent::Back), _) | (Some(Sent::Guarded), None) => Ok(()),
             (Some(Sent::Guarded), Some(_)) => {
                 Err("the probe has touched something on its way".into())
             }
-            (Some(Sent::First(axis, _) | Sent::Second(axis)), None) => Err(format!(
+            (Some(Sent::First(axis, _) | Sent::Second(axis, _)), None) => Err(format!(
                 "no contact in {}: the search is too short, or the probe is not connected",
                 char::from(LETTERS[axis])
             )),
-            (Some(Sent::First(axis, direction)), Some(_)) => {
-                let Probing { retract, feed, .. } = self.probing;
-                let back = line("G91G21G1", axis, -direction * retract, feed);
+            (Some(Sent::First(axis, direction)), Some((contact, _))) => {
                 let again = direction * (retract + BEYOND_MM);
                 let again = line("G91G21G38.3", axis, again, feed * SLOWLY);
-                self.lines
-                    .extend([(Sent::Back, back), (Sent::Second(axis), again)]);
-                let back = line("G91G21G1", axis, -direction * retract, feed);
-                self.lines.push_back((Sent::Back, back));
+                self.lines.extend([
+                    (Sent::Back, back(axis, direction, &contact)),
+                    (Sent::Second(axis, direction), again),
+                ]);
                 Ok(())
             }
-            (Some(Sent::Second(axis)), Some(at)) => {
-                self.contacts[axis].push(at.get(axis).copied().unwrap_or_default());
+            (Some(Sent::Second(axis, direction)), Some((contact, _))) => {
+                self.lines
+                    .push_back((Sent::Back, back(axis, direction, &contact)));
+                self.contacts[axis].push(contact[axis]);
                 Ok(())
             }
         }
