@@ -40,6 +40,10 @@ const MOST_EVENTS: usize = 400;
 /// The settings of the fastest rate of X, mm/min, and of its acceleration, mm/s²; those of the other axes follow.
 const MAX_RATE: u16 = 110;
 const ACCELERATION: u16 = 120;
+/// Jogs by a step that may wait, and jogs of a held key that are not answered; the longest of these.
+const MOST_STEPS: usize = 3;
+const MOST_JOGS: usize = 8;
+const LONGEST_JOG: &str = "$J=G91G21X-1000.000Y-1000.000Z-1000.000F10000";
 /// `error:15`, a jog beyond the travel.
 const BEYOND_TRAVEL: Response = Response::Error(15);
 
@@ -65,6 +69,12 @@ struct Asked {
     lines: Vec<String>,
 }
 
+impl Asked {
+    fn is_jog(&self) -> bool {
+        self.text.trim_start().starts_with("$J=")
+    }
+}
+
 /// The program of a page.
 #[derive(Debug, Default)]
 struct Program {
@@ -87,8 +97,13 @@ pub struct Client {
     /// The number of the newest jog.
     jogs: u32,
     cycle: Option<ProbingCycle>,
-    /// A cycle is being stopped: when the machine is held, it is reset.
-    is_stopping: bool,
+    /// A cycle is being stopped: when the machine is held, it is reset. Reports since.
+    stopping: Option<u32>,
+    /// Jogs are being cancelled.
+    is_cancelling: bool,
+    /// The press of the jog, and the last one that has ended.
+    press: u32,
+    ended_press: Option<u32>,
     program: Program,
     job: Option<Transmission>,
     is_start_asked: bool,
@@ -107,30 +122,55 @@ pub struct Client {
 impl Client {
     /// Takes what the operator asks for, at a time in ms.
     pub fn command(&mut self, command: Command, now_ms: u64) {
+        if let Some(text) = self.obstacle(&command) {
+            self.note(Event::Note { text: text.into() });
+            return;
+        }
         match command {
-            Command::Line { .. } | Command::Step { .. } if self.cycle.is_some() => {
-                let text = "a probing cycle is under way: no other line is sent".into();
-                self.note(Event::Note { text });
-            }
             Command::Line { number, text } => {
                 let text = String::from_utf8_lossy(&sendable(text.as_bytes())).into_owned();
                 self.ask(Origin::Page(Some(number)), text);
             }
             Command::Realtime { byte } => self.realtime(byte),
             Command::Step { by, feed } => self.ask(Origin::Page(None), jog::line(&by, feed)),
-            Command::Move { along, feed } => self.hold(along, feed, now_ms),
+            Command::Move { press, along, feed } => self.hold(press, (along, feed), now_ms),
             Command::Halt => self.halt(),
             Command::Program { name, text } => self.take_program(name, &text),
             Command::Start => self.start(),
             Command::Stop if self.cycle.is_some() => {
                 self.end_cycle("the probing cycle was stopped");
-                self.is_stopping = true;
+                self.stopping = Some(0);
                 self.output.push(realtime::HOLD);
             }
             Command::Stop => self.key(Key::Stop),
             Command::Probe { probing } => self.probe(probing),
             Command::TakeLines => self.key(Key::ManualLines),
         }
+    }
+
+    /// Why a command is not carried out now.
+    fn obstacle(&self, command: &Command) -> Option<&'static str> {
+        let is_line = matches!(command, Command::Line { .. } | Command::Step { .. });
+        let is_motion = is_line || matches!(command, Command::Move { .. } | Command::Probe { .. });
+        let is_start = matches!(command, Command::Program { .. } | Command::Start);
+        let takes_lines = { self.job.as_ref() }.is_none_or(|job| job.manual_lines.takes_lines());
+        if self.is_start_asked && (is_motion || is_start) {
+            Some("the job begins: nothing else is sent")
+        } else if self.cycle.is_some() && (is_motion || is_start) {
+            Some("a probing cycle is under way: nothing else is sent")
+        } else if is_motion && !takes_lines {
+            Some("the job is under way: other lines are taken in a change of the tool alone")
+        } else if matches!(command, Command::Step { .. }) && self.jog_lines() >= MOST_STEPS {
+            Some("the machine has to come to the end of its jogs first")
+        } else {
+            None
+        }
+    }
+
+    /// Jogs that are not answered, or not sent yet.
+    fn jog_lines(&self) -> usize {
+        let lines = self.waiting.iter().chain(&self.in_flight);
+        lines.filter(|asked| asked.is_jog()).count()
     }
 
     /// Takes bytes of the machine, at a time in ms.
@@ -182,9 +222,12 @@ impl Client {
         mem::take(&mut self.events)
     }
 
-    /// Nobody is at the page any more: a jog ends, a job goes on.
+    /// Nobody is at the page any more: jogs end, lines that wait are not sent, and a job goes on.
     pub fn leave(&mut self) {
         self.halt();
+        for asked in mem::take(&mut self.waiting) {
+            self.answer(asked, "");
+        }
     }
 
     /// The line to the machine is broken: nothing that was sent will be answered.
@@ -201,6 +244,8 @@ impl Client {
         self.lines = Lines::default();
         self.received_ms = None;
         self.are_settings_known = false;
+        self.are_modes_old = true;
+        self.state.reference_mm = None;
         self.output.clear();
     }
 
@@ -213,6 +258,8 @@ impl Client {
     /// Drops what will not be answered.
     fn forget(&mut self) {
         self.is_start_asked = false;
+        self.stopping = None;
+        self.is_cancelling = false;
         self.jog = None;
         self.end_cycle("the machine was reset, and the probing cycle has ended");
         self.sender = Sender::default();
@@ -250,6 +297,10 @@ impl Client {
             realtime::RESUME => Key::Resume,
             byte => Key::Realtime(byte),
         };
+        if byte == realtime::HOLD {
+            // What it stops does not begin again by itself.
+            self.halt();
+        }
         match &mut self.job {
             Some(job) if job.phase == Phase::Running => job.press(key),
             _ => self.output.push(byte),
@@ -296,6 +347,11 @@ impl Client {
             return;
         }
         self.is_start_asked = false;
+        if self.status.report.state_name() != "Idle" || !self.state.is_there {
+            let text = "the job was not begun: the machine is not idle any more".into();
+            self.note(Event::Note { text });
+            return;
+        }
         let mut job = Transmission::new(&[], &self.program.lines, 0, false);
         job.status.clone_from(&self.status);
         self.job = Some(job);
@@ -306,7 +362,8 @@ impl Client {
         let mut lines = self.waiting.iter().chain(&self.in_flight);
         let is_busy = self.jog.is_some() || self.cycle.is_some() || self.job.is_some();
         let is_asked = self.is_start_asked || lines.any(|asked| asked.of != Origin::Own);
-        self.status.report.state_name() == "Idle" && !is_busy && !is_asked
+        let is_idle = self.status.report.state_name() == "Idle" && self.state.is_there;
+        is_idle && !is_busy && !is_asked
     }
 
     /// Whether nothing was sent that is not answered, and nothing is under way.
@@ -321,28 +378,46 @@ impl Client {
     }
 
     /// A key is held.
-    fn hold(&mut self, along: Vec<i8>, feed: f64, now_ms: u64) {
-        if self.jog.as_ref().is_some_and(|jog| jog.is(&along, feed)) {
+    fn hold(&mut self, press: u32, (along, feed): (Vec<i8>, f64), now_ms: u64) {
+        if self.ended_press == Some(press) {
+            return;
+        }
+        if self.jog.is_some() && self.press == press {
             self.jog.iter_mut().for_each(|jog| jog.hold(now_ms));
             return;
         }
         self.halt();
-        let may_jog = self.cycle.is_none()
-            && matches!(self.status.report.state_name(), "Idle" | "Jog" | "Tool")
+        let may_jog = matches!(self.status.report.state_name(), "Idle" | "Jog" | "Tool")
             && along.iter().all(|along| (-1..=1).contains(along));
-        let start = self.status.machine_position();
+        let start = self.position_mm();
         if let Some(start) = start.filter(|_| may_jog && feed > 0.0) {
             self.jogs += 1;
+            self.press = press;
             let rates = self.settings_of_axes(MAX_RATE);
             self.jog = Some(Jog::new((along, feed), &rates, start, now_ms));
         }
     }
 
-    /// Ends a jog.
+    /// Ends jogs: those that wait are not sent, and the machine cancels the others.
     fn halt(&mut self) {
         if self.jog.take().is_some() {
+            self.ended_press = Some(self.press);
+        }
+        let waiting = mem::take(&mut self.waiting);
+        let (jogs, others): (VecDeque<_>, _) = waiting.into_iter().partition(Asked::is_jog);
+        self.waiting = others;
+        for jog in jogs {
+            self.answer(jog, "");
+        }
+        if self.has_jogs() {
+            self.is_cancelling = true;
             self.output.push(realtime::JOG_CANCEL);
         }
+    }
+
+    /// Whether the machine jogs, or has jogs that it has not answered.
+    fn has_jogs(&self) -> bool {
+        self.status.report.state_name() == "Jog" || self.in_flight.iter().any(Asked::is_jog)
     }
 
     /// Sends what there is room for.
@@ -420,12 +495,14 @@ impl Client {
     }
 
     fn send_jogs(&mut self) {
-        let Some(position) = self.status.machine_position() else {
+        let Some(position) = self.position_mm() else {
             return;
         };
         let accelerations = self.settings_of_axes(ACCELERATION);
         let of = Origin::Jog(self.jogs);
-        while let Some(jog) = &mut self.jog
+        while self.in_flight.len() < MOST_JOGS
+            && self.may_send(LONGEST_JOG)
+            && let Some(jog) = &mut self.jog
             && let Some(text) = jog.next(&position, &accelerations)
         {
             self.send_line(Asked {
@@ -448,9 +525,16 @@ impl Client {
                 if let Some(cycle) = &mut self.cycle {
                     cycle.reports += 1;
                 }
-                if self.is_stopping && report.is_at_rest() {
-                    self.is_stopping = false;
+                // The first may be older than the hold.
+                if self.stopping.is_some_and(|reports| reports > 0) && report.is_at_rest() {
+                    self.stopping = None;
                     self.output.push(realtime::RESET);
+                }
+                self.stopping.iter_mut().for_each(|reports| *reports += 1);
+                // A jog that was on the line when the others were cancelled begins all the same.
+                self.is_cancelling &= self.has_jogs();
+                if self.is_cancelling {
+                    self.output.push(realtime::JOG_CANCEL);
                 }
                 if self.status.report.state_name() != "Alarm" {
                     self.state.alarm = None;
@@ -470,6 +554,8 @@ impl Client {
             self.receive_of_job(text);
         } else if line == Line::Welcome {
             self.forget();
+            // It may have been switched off.
+            self.state.reference_mm = None;
             self.are_modes_old = true;
         } else {
             self.receive_of_operator(text);
@@ -554,6 +640,7 @@ impl Client {
         self.state.overrides = status.overrides;
         self.state.pins = report.pins().into();
         self.state.is_probing = self.cycle.is_some();
+        self.state.reports_inches = self.reports_inches();
         self.state.room = report.room().map(|room| (room.blocks, room.bytes));
         if let Some(accessories) = report.accessories() {
             self.state.accessories = accessories.into();

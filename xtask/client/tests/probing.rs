@@ -268,6 +268,38 @@ fn what_is_not_as_it_should_be_ends_a_cycle_or_does_not_begin_it() {
 }
 
 #[test]
+fn a_turning_spindle_is_probed_with_by_nobody() {
+    let mut desk = desk();
+    desk.ask("M3S1000");
+    desk.run(1500);
+    let note = probe(&mut desk, probing(Target::Top));
+    assert_eq!(note, "the spindle turns: stop it first");
+}
+
+#[test]
+fn a_retract_stays_where_the_touch_began() {
+    let mut desk = desk();
+    go(&mut desk, [HOLE[0], HOLE[1], 0.0]);
+    go(&mut desk, [HOLE[0], HOLE[1], -7.0]);
+    let wide = Probing {
+        retract: 9.0,
+        ..probing(Target::Hole)
+    };
+    // The hole is 13 mm wide for the tool: behind 9 mm from the left is the right wall.
+    let note = probe(&mut desk, wide);
+    assert!(note.contains("X 16.00"), "{note}");
+}
+
+#[test]
+fn inverse_time_is_no_feed_of_a_cycle() {
+    let mut desk = desk();
+    desk.ask("G93");
+    let note = probe(&mut desk, probing(Target::Top));
+    assert!(note.starts_with("zero at machine Z-5.3"), "{note}");
+    assert!(desk.client.state().modes.contains(&"G93".to_owned()));
+}
+
+#[test]
 fn the_motion_is_known_before() {
     let places = probing(Target::CornerOutside {
         side: [1, -1],

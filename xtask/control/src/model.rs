@@ -15,8 +15,6 @@ use crate::worker::{Control, Reply};
 
 /// The questions whose answers are kept.
 const QUESTIONS: [&str; 4] = ["$#", "$TT", "$EG", "$ES"];
-/// The setting of reports in inches.
-const REPORTS_INCHES: u16 = 13;
 /// How many lines the console keeps.
 const MOST_LINES: usize = 1000;
 
@@ -78,8 +76,6 @@ pub struct Model {
     pub note: String,
     /// The machine position at the switches, in the unit of the reports, since the machine was homed.
     pub homed: Option<Vec<f64>>,
-    /// `$13`: the reports are in inches.
-    pub reports_inches: bool,
     /// What the machine has answered to questions such as `$#`, by the question.
     pub answers: BTreeMap<String, Rc<Vec<String>>>,
     /// The settings, as they are written, as far as they are known.
@@ -251,9 +247,6 @@ impl Model {
 
     fn take_setting(&mut self, number: u16, value: &str) {
         self.settings.insert(number, value.trim().into());
-        if number == REPORTS_INCHES {
-            self.reports_inches = value.trim() == "1";
-        }
     }
 
     fn take_answer(&mut self, number: u32, lines: Vec<String>, response: &str) {
@@ -372,7 +365,7 @@ mod tests {
         let lines = || vec![line("<Idle|MPos:0,0,0|FS:0,0>"), line("ok"), line("$13=1")];
         let mut model = after(lines());
         assert_eq!(model.log.len(), 2);
-        assert!(model.reports_inches);
+        assert_eq!(model.settings[&13], "1");
         model.act(Action::ShowReports(true));
         model.act(Action::Reply(Reply::Events(lines()), 6));
         assert_eq!(model.log.len(), 5);

@@ -86,7 +86,7 @@ fn a_page_that_vanishes_amid_a_held_jog_stops_the_axis() {
     let mut page = known.page();
     page.until_at(0.0);
     let mut watcher = known.page();
-    let held = json!({"do": "move", "along": [1, 0, 0], "feed": 3000.0});
+    let held = json!({"do": "move", "press": 1, "along": [1, 0, 0], "feed": 3000.0});
     let x_mm = |event: &Value| event["machine"][0].as_f64();
     page.ask(&held);
     // The page says so again with each report that it sees.

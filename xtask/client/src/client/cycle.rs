@@ -27,6 +27,11 @@ impl Client {
         let report = &self.status.report;
         let fault = if !self.is_free() {
             Some("a probing cycle begins at rest alone: the machine has to be idle".into())
+        } else if self.in_flight.iter().any(|asked| asked.text == "$$") || !self.are_settings_known
+        {
+            Some("the settings of the machine are not known yet: try again".into())
+        } else if self.state.accessories.contains(['S', 'C']) {
+            Some("the spindle turns: stop it first".into())
         } else if report.pins().contains('P') {
             Some(
                 "the probe is closed already: move it off the contact, or look at its wires".into(),
@@ -34,7 +39,8 @@ impl Client {
         } else {
             probing.fault()
         };
-        match (fault, self.position_mm()) {
+        let start = self.position_mm().filter(|it| it.len() >= LINEAR_AXES);
+        match (fault, start) {
             (None, Some(start)) => {
                 self.cycle = Some(ProbingCycle {
                     cycle: Cycle::new(probing, start),
@@ -60,7 +66,8 @@ impl Client {
         if !is_idle || !self.is_answered() {
             return;
         }
-        let Some(at) = self.position_mm() else { return };
+        let at = self.position_mm().filter(|it| it.len() >= LINEAR_AXES);
+        let Some(at) = at else { return };
         let scale = self.mm_per_unit();
         let Some(cycle) = self.cycle.as_mut().filter(|cycle| cycle.reports >= REPORTS) else {
             return;
@@ -116,20 +123,31 @@ impl Client {
 
     /// What a unit of reports is, mm: `$13` has it.
     fn mm_per_unit(&self) -> f64 {
-        let is_in_inches = self.settings.get(&REPORTS_INCHES) == Some(&1.0);
-        if is_in_inches { MM_PER_INCH } else { 1.0 }
+        if self.reports_inches() {
+            MM_PER_INCH
+        } else {
+            1.0
+        }
     }
 
-    fn position_mm(&self) -> Option<Vec<f64>> {
-        let position = self.status.machine_position()?;
-        let position = Some(position).filter(|it| it.len() >= PROBED_AXES)?;
+    /// Whether `$13` is 1.
+    pub(super) fn reports_inches(&self) -> bool {
+        self.settings.get(&REPORTS_INCHES) == Some(&1.0)
+    }
+
+    /// The machine position, mm, and degrees of rotary axes.
+    pub(super) fn position_mm(&self) -> Option<Vec<f64>> {
         let scale = self.mm_per_unit();
-        Some(position.iter().map(|value| value * scale).collect())
+        let mut position = self.status.machine_position()?;
+        for value in position.iter_mut().take(LINEAR_AXES) {
+            *value *= scale;
+        }
+        Some(position)
     }
 }
 
-/// A machine has at least these.
-const PROBED_AXES: usize = 3;
+/// X, Y and Z.
+const LINEAR_AXES: usize = 3;
 const MM_PER_INCH: f64 = 25.4;
 /// The setting of reports in inches.
 const REPORTS_INCHES: u16 = 13;
@@ -141,7 +159,7 @@ fn contact(line: &str, scale: f64) -> Option<(Vec<f64>, bool)> {
     };
     let (place, is_touched) = text.split_once(':')?;
     let place: Vec<f64> = numbers(place)?.iter().map(|value| value * scale).collect();
-    (place.len() >= PROBED_AXES).then_some((place, is_touched == "1"))
+    (place.len() >= LINEAR_AXES).then_some((place, is_touched == "1"))
 }
 
 /// The line that makes of the words of a cycle those before: a motion that needs no more words, units, distances,
@@ -159,6 +177,7 @@ fn restored(modes: &[String], mm_per_unit: f64) -> String {
         word("G1", "G0"),
         word("G20", "G21"),
         word("G91", "G90"),
+        word("G93", "G94"),
         feed.unwrap_or_default(),
     ]
     .concat()

@@ -18,7 +18,6 @@ const LEAST_MM: f64 = 0.01;
 #[derive(Debug)]
 pub(super) struct Jog {
     along: Vec<i8>,
-    asked_feed: f64,
     feed: f64,
     /// The share of an axis of the distance, with all axes the same.
     share: f64,
@@ -59,7 +58,6 @@ impl Jog {
         Self {
             block_mm: feed / 60.0 * BLOCK_S,
             along,
-            asked_feed,
             feed,
             share,
             start,
@@ -67,11 +65,6 @@ impl Jog {
             unanswered_mm: Vec::new(),
             held_ms: now_ms,
         }
-    }
-
-    /// Whether it is this one that is asked for again.
-    pub(super) fn is(&self, along: &[i8], feed: f64) -> bool {
-        self.along == along && self.asked_feed.total_cmp(&feed).is_eq()
     }
 
     /// The key is still held.
@@ -142,7 +135,6 @@ mod tests {
         assert_eq!(lines, vec!["$J=G91G21Y-2.500F3000"; 3]);
         assert_eq!(jog.next(&at(4.6), &accelerations), None);
         assert!(jog.next(&at(4.4), &accelerations).is_some());
-        assert!(jog.is(&[0, -1], 3000.0) && !jog.is(&[0, 1], 3000.0));
         jog.hold(40);
         assert_eq!(jog.silence_ms(100), 60);
     }

@@ -109,6 +109,8 @@ pub(super) struct Cycle {
     /// Lines of the part that is under way.
     lines: VecDeque<(Sent, String)>,
     sent: Option<Sent>,
+    /// Where the touch has begun, along its axis.
+    touch_start: f64,
     /// Contacts of each axis, machine positions.
     contacts: [Vec<f64>; 3],
 }
@@ -217,7 +219,7 @@ impl Probing {
 /// A line of a cycle: codes, and a distance along an axis at a feed.
 fn line(codes: &str, axis: usize, by: f64, feed: f64) -> String {
     let axis = char::from(LETTERS[axis]);
-    format!("{codes}{axis}{by:.3}F{feed:.0}")
+    format!("{codes}{axis}{by:.3}F{feed:.3}")
 }
 
 impl Cycle {
@@ -229,6 +231,7 @@ impl Cycle {
             start,
             lines: VecDeque::new(),
             sent: None,
+            touch_start: 0.0,
             contacts: Default::default(),
         }
     }
@@ -258,9 +261,13 @@ impl Cycle {
         let Probing { retract, feed, .. } = self.probing;
         let touched = contact.filter(|(_, is_touched)| *is_touched);
         // It comes to rest beyond the contact, the farther the faster it was.
+        // No farther back than to where the touch began: behind that something may be.
+        let room =
+            |axis: usize, contact: &[f64]| retract.min((contact[axis] - self.touch_start).abs());
         let back = |axis: usize, direction: f64, contact: &[f64]| {
             let beyond = (at[axis] - contact[axis]).abs();
-            line("G91G21G1", axis, -direction * (retract + beyond), feed)
+            let by = -direction * (room(axis, contact) + beyond);
+            line("G91G21G94G1", axis, by, feed)
         };
         match (self.sent.take(), touched) {
             (None | Some(Sent::Back), _) | (Some(Sent::Guarded), None) => Ok(()),
@@ -272,8 +279,8 @@ impl Cycle {
                 char::from(LETTERS[axis])
             )),
             (Some(Sent::First(axis, direction)), Some((contact, _))) => {
-                let again = direction * (retract + BEYOND_MM);
-                let again = line("G91G21G38.3", axis, again, feed * SLOWLY);
+                let again = direction * (room(axis, &contact) + BEYOND_MM);
+                let again = line("G91G21G94G38.3", axis, again, feed * SLOWLY);
                 self.lines.extend([
                     (Sent::Back, back(axis, direction, &contact)),
                     (Sent::Second(axis, direction), again),
@@ -293,7 +300,8 @@ impl Cycle {
         let Probing { search, feed, .. } = self.probing;
         let (axis, place) = match part {
             Part::Touch(axis, direction) => {
-                let touch = line("G91G21G38.3", axis, direction * search, feed);
+                self.touch_start = at[axis];
+                let touch = line("G91G21G94G38.3", axis, direction * search, feed);
                 self.lines.push_back((Sent::First(axis, direction), touch));
                 return;
             }
@@ -311,7 +319,11 @@ impl Cycle {
         // Up and away nothing is in the way, and the probe may still be closed.
         let is_up = axis == Z && by > 0.0;
         let sent = if is_up { Sent::Back } else { Sent::Guarded };
-        let codes = if is_up { "G91G21G1" } else { "G91G21G38.3" };
+        let codes = if is_up {
+            "G91G21G94G1"
+        } else {
+            "G91G21G94G38.3"
+        };
         let line = line(codes, axis, by, feed);
         self.lines.push_back((sent, line));
     }

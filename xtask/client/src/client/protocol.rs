@@ -29,6 +29,8 @@ pub enum Command {
     },
     /// A jog as long as a key is held: it has to come again within [`HELD_MS`](super::HELD_MS).
     Move {
+        /// The number of the press: one that has ended begins no jog again.
+        press: u32,
         /// Of each axis, -1, 0 or 1.
         along: Vec<i8>,
         /// mm/min.
@@ -112,6 +114,8 @@ pub struct State {
     pub modes: Vec<String>,
     /// The number of the alarm, and what it means.
     pub alarm: Option<(String, String)>,
+    /// Reports are in inches, and not in mm.
+    pub reports_inches: bool,
     /// A probing cycle is under way.
     pub is_probing: bool,
     /// Where the reference tool has made contact, as machine position Z, mm, once it was measured.

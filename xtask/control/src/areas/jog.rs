@@ -63,6 +63,8 @@ struct Held {
     asking: Option<Interval>,
     /// The key that is held.
     key: String,
+    /// The presses until now.
+    presses: u32,
 }
 
 /// The pad's way to the machine.
@@ -91,8 +93,10 @@ impl Pad {
             });
             return;
         }
+        let press = self.held.borrow().presses + 1;
         let ask = move || {
             desk.send(Command::Move {
+                press,
                 along: along.clone(),
                 feed,
             });
@@ -101,17 +105,26 @@ impl Pad {
         *self.held.borrow_mut() = Held {
             asking: Some(Interval::new(ASKED_MS, ask)),
             key: key.into(),
+            presses: press,
         };
     }
 
     /// What is held is let go.
     fn release(&self) {
-        if self.held.take().asking.is_some() {
+        if self.held.borrow_mut().asking.take().is_some() {
             self.desk.send(Command::Halt);
         }
     }
 
     fn key_down(&self, event: &KeyboardEvent) {
+        // A key that is held with another one, as Cmd, may never be told to be up; one that clicks repeats.
+        if event.meta_key() || event.ctrl_key() || event.alt_key() {
+            self.release();
+            return;
+        }
+        if event.repeat() && matches!(event.key().as_str(), "Enter" | " ") {
+            event.prevent_default();
+        }
         let Some(moved) = along_key(&event.key()) else {
             return;
         };

@@ -105,6 +105,8 @@ fn obstacle(model: &Model, form: &Form) -> Option<String> {
         "connect to a machine first"
     } else if model.state_name() != "Idle" || model.is_job_running() {
         "the machine has to be idle first"
+    } else if model.machine.accessories.contains(['S', 'C']) {
+        "the spindle turns: stop it first"
     } else if model.machine.pins.contains('P') {
         "the probe is closed already: move it off the contact, or look at its wires"
     } else if form.target == "tool" && model.machine.reference_mm.is_none() {

@@ -23,8 +23,12 @@ pub(crate) fn zero_line(axes: impl IntoIterator<Item = usize>) -> String {
 /// The lines that lead to the zero of X and Y: Z goes first to where homing has left it. They are jogs, which change no
 /// mode and end with a jog's cancel.
 fn lines_to_zero(model: &Model) -> Vec<String> {
-    let unit = if model.reports_inches { "G20" } else { "G21" };
-    let feed = if model.reports_inches {
+    let unit = if model.machine.reports_inches {
+        "G20"
+    } else {
+        "G21"
+    };
+    let feed = if model.machine.reports_inches {
         FEED / 25.4
     } else {
         FEED
@@ -167,10 +171,8 @@ mod tests {
         assert_eq!(lines_to_zero(&at(-30.0, Some(-1.0))), both);
         assert_eq!(lines_to_zero(&at(-1.0, Some(-1.0))), both[1..]);
         assert_eq!(lines_to_zero(&at(-30.0, None)), both[1..]);
-        let in_inches = Model {
-            reports_inches: true,
-            ..at(-2.0, Some(-0.04))
-        };
+        let mut in_inches = at(-2.0, Some(-0.04));
+        in_inches.machine.reports_inches = true;
         assert_eq!(lines_to_zero(&in_inches)[0], "$J=G53G90G20Z-0.040F394");
     }
 }

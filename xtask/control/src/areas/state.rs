@@ -144,7 +144,11 @@ pub fn StateArea() -> Html {
     let desk = use_desk();
     let model = &*desk.model;
     let state = &model.machine;
-    let unit = if model.reports_inches { "in" } else { "mm" };
+    let unit = if model.machine.reports_inches {
+        "in"
+    } else {
+        "mm"
+    };
     let axes = state.work.iter().zip(&state.machine).zip(LETTERS);
     let rows = axes.map(|((work, machine), letter)| {
         let letter = char::from(letter).to_string();

@@ -38,6 +38,13 @@ fn place(lines: &[String], name: &str) -> Option<Vec<f64>> {
     })
 }
 
+/// What a unit of reports and one of lines is, mm.
+fn units_mm(model: &Model) -> (f64, f64) {
+    let unit = |is_inch: bool| if is_inch { 25.4 } else { 1.0 };
+    let lines = model.machine.modes.iter().any(|mode| mode == "G20");
+    (unit(model.machine.reports_inches), unit(lines))
+}
+
 /// Reads a line of `$TT`: `T1 P1 X0 Y0 Z10.16 D3.048`.
 fn tool(line: &str) -> Option<Tool> {
     let word = |letter: char| -> Option<f64> {
@@ -74,18 +81,21 @@ pub fn TablesArea() -> Html {
             desk.line(question);
         }
     };
-    let unit = if model.reports_inches { "G20" } else { "G21" };
+    let (of_reports, of_lines) = units_mm(model);
+    // In the unit of the modes, which stays as it is.
+    let scale = of_reports / of_lines;
     let lines = answer(model, "$#");
     let systems = SYSTEMS
         .iter()
         .filter_map(|(name, number)| Some((*name, *number, place(&lines, name)?)));
     let systems = systems.map(|(name, number, place)| {
-        let cells = place.iter().zip(LETTERS).map(|(value, letter)| {
+        let cells = place.iter().zip(LETTERS).enumerate().map(|(axis, (value, letter))| {
             let (set, letter) = (set.clone(), char::from(letter));
             let typed = Callback::from(move |event: Event| {
                 let value = event.target_unchecked_into::<HtmlInputElement>().value_as_number();
                 if value.is_finite() {
-                    set(&format!("{unit}G10L2P{number}{letter}{value:.4}"), "$#");
+                    let value = if axis < 3 { value * scale } else { value };
+                    set(&format!("G10L2P{number}{letter}{value:.5}"), "$#");
                 }
             });
             html! {
@@ -119,9 +129,9 @@ pub fn TablesArea() -> Html {
             let set = set.clone();
             let typed = Callback::from(move |event: Event| {
                 let value = event.target_unchecked_into::<HtmlInputElement>().value_as_number();
-                let value = if word == "R" { value / 2.0 } else { value };
+                let value = if word == "R" { value / 2.0 } else { value } / of_lines;
                 if value.is_finite() {
-                    set(&format!("G21G10L1P{number}{word}{value:.4}"), "$TT");
+                    set(&format!("G10L1P{number}{word}{value:.5}"), "$TT");
                 }
             });
             html! {
@@ -151,6 +161,16 @@ pub fn TablesArea() -> Html {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn units_are_those_of_reports_and_of_modes() {
+        let mut model = Model::default();
+        assert_eq!(units_mm(&model), (1.0, 1.0));
+        model.machine.modes = vec!["G20".into()];
+        assert_eq!(units_mm(&model), (1.0, 25.4));
+        model.machine.reports_inches = true;
+        assert_eq!(units_mm(&model), (25.4, 25.4));
+    }
 
     #[test]
     fn places_and_tools_are_read() {

@@ -25,6 +25,7 @@ use grbl_client::{
     Client, JobGuard, Link,
     client::{Command, Event},
     link::{self, PollFlags},
+    realtime,
 };
 use simulation::interrupt::interruptions;
 
@@ -50,12 +51,26 @@ const REST: Duration = Duration::from_secs(1);
 const MAX_QUEUED_BYTES: usize = 4096;
 /// Messages of pages that have not been taken, at most.
 const MOST_UNREAD: usize = 64;
+/// Realtime bytes that stop, or ask for a report.
+const STOPS: [u8; 5] = [
+    realtime::REPORT,
+    realtime::HOLD,
+    realtime::RESET,
+    realtime::DOOR,
+    realtime::JOG_CANCEL,
+];
 /// The most pages at a time.
 const MOST_PAGES: usize = 16;
 
 /// What a browser may do with the page: run its scripts, also as WebAssembly, and ask this server alone.
 const POLICY: &str = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src data:; \
     connect-src 'self'; base-uri 'none'; form-action 'none'";
+
+/// Whether a command holds the machine.
+fn is_hold(command: &Command) -> bool {
+    let byte = realtime::HOLD;
+    *command == Command::Realtime { byte }
+}
 
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
@@ -227,7 +242,10 @@ impl<'a> Desk<'a> {
                     self.client.leave();
                 }
             }
-            FromPage::Command(page, _) if !self.pages.is_in_control(page) => {
+            // Whoever sees the machine may hold it.
+            FromPage::Command(page, command)
+                if !self.pages.is_in_control(page) && !is_hold(&command) =>
+            {
                 self.pages
                     .note(page, "this page watches: it has to take control first");
             }
@@ -247,10 +265,12 @@ impl<'a> Desk<'a> {
 
     /// Has a guard for a command that may move the machine.
     fn guard_against(&mut self, command: &Command) -> Result<()> {
-        let is_harmless = matches!(
-            command,
-            Command::Halt | Command::Stop | Command::Program { .. }
-        );
+        let is_harmless = match command {
+            Command::Halt | Command::Stop | Command::Program { .. } => true,
+            // What stops needs no guard.
+            Command::Realtime { byte } => STOPS.contains(byte),
+            _ => false,
+        };
         if let (false, Some(link)) = (is_harmless, &self.link) {
             self.moved = Instant::now();
             if self.guard.is_none() {
