@@ -2,6 +2,8 @@
 
 'use strict';
 
+const fs = require('fs');
+const http = require('http');
 const path = require('path');
 
 const puppeteer = require('puppeteer-core');
@@ -43,4 +45,19 @@ async function newPage(browser) {
   return page;
 }
 
-module.exports = { browse, newPage };
+/** Serves the folder of the page as any web server does; what else is asked for is kept. */
+function serve(pageFile, asked) {
+  const server = http.createServer((request, response) => {
+    if (request.url !== '/') {
+      asked.push(request.url);
+      response.writeHead(404).end();
+      return;
+    }
+    response.writeHead(200, { 'content-type': 'text/html' }).end(fs.readFileSync(pageFile));
+  });
+  return new Promise((resolve) => {
+    server.listen(0, '127.0.0.1', () => resolve(server));
+  });
+}
+
+module.exports = { browse, newPage, serve };

@@ -9,11 +9,10 @@
 'use strict';
 
 const fs = require('fs');
-const http = require('http');
 const { pathToFileURL } = require('url');
 
 const { check, run, until } = require('./cncjs');
-const { browse, newPage } = require('./browser');
+const { browse, newPage, serve } = require('./browser');
 
 const [, , pageFile] = process.argv;
 
@@ -301,24 +300,9 @@ async function look(browser, address, { width, height, scheme }) {
   }
 }
 
-/** Serves the page as any web server does. */
-function serve(asked) {
-  const server = http.createServer((request, response) => {
-    if (request.url !== '/') {
-      asked.push(request.url);
-      response.writeHead(404).end();
-      return;
-    }
-    response.writeHead(200, { 'content-type': 'text/html' }).end(fs.readFileSync(pageFile));
-  });
-  return new Promise((resolve) => {
-    server.listen(0, '127.0.0.1', () => resolve(server));
-  });
-}
-
 async function main() {
   const asked = [];
-  const server = await serve(asked);
+  const server = await serve(pageFile, asked);
   const browser = await browse();
   try {
     await look(browser, `http://127.0.0.1:${server.address().port}/`, { width: 1400, height: 900, scheme: 'light' });

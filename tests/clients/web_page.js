@@ -9,12 +9,11 @@
 'use strict';
 
 const fs = require('fs');
-const http = require('http');
 const path = require('path');
 const { pathToFileURL } = require('url');
 
 const { check, run, until } = require('./cncjs');
-const { browse, newPage } = require('./browser');
+const { browse, newPage, serve } = require('./browser');
 
 const [, , pageFile, program, settings, hash, long] = process.argv;
 
@@ -187,24 +186,9 @@ async function look(browser, address, width) {
   }
 }
 
-/** Serves the folder of the page as any web server does; what else is asked for is kept. */
-function serve(asked) {
-  const server = http.createServer((request, response) => {
-    if (request.url !== '/') {
-      asked.push(request.url);
-      response.writeHead(404).end();
-      return;
-    }
-    response.writeHead(200, { 'content-type': 'text/html' }).end(fs.readFileSync(pageFile));
-  });
-  return new Promise((resolve) => {
-    server.listen(0, '127.0.0.1', () => resolve(server));
-  });
-}
-
 async function main() {
   const asked = [];
-  const server = await serve(asked);
+  const server = await serve(pageFile, asked);
   const browser = await browse('drawing');
   try {
     await look(browser, `http://127.0.0.1:${server.address().port}/`, 1400);

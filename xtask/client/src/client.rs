@@ -27,12 +27,12 @@ use cycle::ProbingCycle;
 use jog::Jog;
 
 /// How long a [`Command::Move`] counts, ms.
-pub const HELD_MS: u64 = 200;
+pub const JOG_TIMEOUT_MS: u64 = 200;
 /// How often the machine is asked for a report, ms, and how often while it jogs.
 const REPORT_MS: u64 = 100;
 const JOG_REPORT_MS: u64 = 50;
 /// After how long without a word the machine counts as gone, ms.
-const GONE_MS: u64 = 2000;
+const SILENCE_LIMIT_MS: u64 = 2000;
 /// Lines of the operator beyond these are not taken: nobody types so many.
 const MOST_WAITING: usize = 1000;
 /// Events beyond these are left out: nobody reads so many lines.
@@ -62,14 +62,14 @@ enum Origin {
 
 /// A line of the operator.
 #[derive(Debug)]
-struct Asked {
+struct QueuedLine {
     of: Origin,
     text: String,
     /// What has come before its answer.
     lines: Vec<String>,
 }
 
-impl Asked {
+impl QueuedLine {
     fn is_jog(&self) -> bool {
         self.text.trim_start().starts_with("$J=")
     }
@@ -91,8 +91,8 @@ pub struct Client {
     received_ms: Option<u64>,
     asked_ms: Option<u64>,
     sender: Sender,
-    waiting: VecDeque<Asked>,
-    in_flight: VecDeque<Asked>,
+    waiting: VecDeque<QueuedLine>,
+    in_flight: VecDeque<QueuedLine>,
     jog: Option<Jog>,
     /// The number of the newest jog.
     jogs: u32,
@@ -187,7 +187,7 @@ impl Client {
         let is_held = self
             .jog
             .as_ref()
-            .is_some_and(|jog| jog.silence_ms(now_ms) <= HELD_MS);
+            .is_some_and(|jog| jog.silence_ms(now_ms) <= JOG_TIMEOUT_MS);
         if self.jog.is_some() && !is_held {
             self.halt();
         }
@@ -205,7 +205,7 @@ impl Client {
         }
         self.state.is_there = self
             .received_ms
-            .is_some_and(|received_ms| now_ms < received_ms + GONE_MS);
+            .is_some_and(|received_ms| now_ms < received_ms + SILENCE_LIMIT_MS);
         self.begin_job();
         self.probe_on();
         self.send();
@@ -225,7 +225,17 @@ impl Client {
     /// Nobody is at the page any more: jogs end, lines that wait are not sent, and a job goes on.
     pub fn leave(&mut self) {
         self.halt();
-        for asked in mem::take(&mut self.waiting) {
+        self.drop_waiting("the page has gone: lines that wait are not sent");
+    }
+
+    /// Answers the lines that wait, which are not sent: nothing that follows a failure is carried out.
+    fn drop_waiting(&mut self, reason: &str) {
+        let waiting = mem::take(&mut self.waiting);
+        if waiting.iter().any(|asked| asked.of != Origin::Own) {
+            let text = reason.into();
+            self.note(Event::Note { text });
+        }
+        for asked in waiting {
             self.answer(asked, "");
         }
     }
@@ -280,7 +290,7 @@ impl Client {
     fn ask(&mut self, of: Origin, text: String) {
         let is_one_line = !text.is_empty() && !text.contains(['\n', '\r']);
         if is_one_line && self.waiting.len() < MOST_WAITING {
-            self.waiting.push_back(Asked {
+            self.waiting.push_back(QueuedLine {
                 of,
                 text,
                 lines: Vec::new(),
@@ -404,7 +414,7 @@ impl Client {
             self.ended_press = Some(self.press);
         }
         let waiting = mem::take(&mut self.waiting);
-        let (jogs, others): (VecDeque<_>, _) = waiting.into_iter().partition(Asked::is_jog);
+        let (jogs, others): (VecDeque<_>, _) = waiting.into_iter().partition(QueuedLine::is_jog);
         self.waiting = others;
         for jog in jogs {
             self.answer(jog, "");
@@ -417,7 +427,7 @@ impl Client {
 
     /// Whether the machine jogs, or has jogs that it has not answered.
     fn has_jogs(&self) -> bool {
-        self.status.report.state_name() == "Jog" || self.in_flight.iter().any(Asked::is_jog)
+        self.status.report.state_name() == "Jog" || self.in_flight.iter().any(QueuedLine::is_jog)
     }
 
     /// Sends what there is room for.
@@ -434,10 +444,7 @@ impl Client {
                 });
             }
         }
-        while self
-            .waiting
-            .front()
-            .is_some_and(|asked| self.may_send(&asked.text))
+        while self.may_send_next()
             && let Some(asked) = self.waiting.pop_front()
         {
             self.send_line(asked);
@@ -462,7 +469,13 @@ impl Client {
         }
     }
 
-    fn send_line(&mut self, asked: Asked) {
+    /// Whether the line that waits first may be sent: one after the other, for one may be refused.
+    fn may_send_next(&self) -> bool {
+        let next = self.waiting.front();
+        next.is_some_and(|asked| self.in_flight.is_empty() && self.may_send(&asked.text))
+    }
+
+    fn send_line(&mut self, asked: QueuedLine) {
         let text = asked.text.clone();
         if let Some(job) = &mut self.job {
             job.manual_lines.send(&text, &mut self.output);
@@ -505,7 +518,7 @@ impl Client {
             && let Some(jog) = &mut self.jog
             && let Some(text) = jog.next(&position, &accelerations)
         {
-            self.send_line(Asked {
+            self.send_line(QueuedLine {
                 of,
                 text,
                 lines: Vec::new(),
@@ -541,6 +554,7 @@ impl Client {
                 }
             }
             Line::Alarm(number) => {
+                self.drop_waiting("the machine is in alarm: lines that wait are not sent");
                 let text = meaning::alarm_with_remedy(number, None).unwrap_or_default();
                 self.state.alarm = Some(((*number).into(), text));
             }
@@ -601,14 +615,19 @@ impl Client {
             jog.answer(response == BEYOND_TRAVEL);
         }
         self.are_modes_old |= !asked.text.starts_with('$');
+        let is_of_page = matches!(asked.of, Origin::Page(_));
+        let is_question = asked.text.starts_with('$') && !asked.is_jog();
+        if response != Response::Ok && is_of_page && !is_question {
+            self.drop_waiting("a line was refused: the lines after it are not sent");
+        }
         if response == Response::Ok {
             self.take_setting(&asked.text);
         }
         self.answer(asked, &response.to_string());
     }
 
-    fn answer(&mut self, asked: Asked, response: &str) {
-        let Asked { of, text, lines } = asked;
+    fn answer(&mut self, asked: QueuedLine, response: &str) {
+        let QueuedLine { of, text, lines } = asked;
         match of {
             Origin::Page(Some(number)) => {
                 let response = response.into();

@@ -1,9 +1,9 @@
 //! Probing cycles at a virtual machine with a workpiece: what they find, and what ends them.
 
-mod desk;
+mod operated;
 
-use desk::Desk;
 use grbl_client::client::{Command, Event, Probing, Target};
+use operated::OperatedMachine;
 
 /// The workpiece is a block, seen from where the tool is at power-up: its sides, its top, and a hole through it, mm.
 const SIDES: [[f64; 2]; 2] = [[-3.012, 40.0], [-4.12, 30.0]];
@@ -41,23 +41,23 @@ fn probing(target: Target) -> Probing {
 }
 
 /// A machine that is fast enough, with the block.
-fn desk() -> Desk {
-    let mut desk = Desk::new(&["$110=2000", "$111=2000", "$112=2000"]);
-    desk.touches = Some(touches);
-    desk
+fn operated() -> OperatedMachine {
+    let mut operated = OperatedMachine::new(&["$110=2000", "$111=2000", "$112=2000"]);
+    operated.touches = Some(touches);
+    operated
 }
 
 /// Moves the tool to a place from where it was switched on.
-fn go(desk: &mut Desk, [x, y, z]: [f64; 3]) {
-    desk.ask(&format!("G21G90G53G0Z{z}"));
-    desk.ask(&format!("G53G0X{x}Y{y}"));
-    desk.run(500);
-    desk.await_state("Idle");
+fn go(operated: &mut OperatedMachine, [x, y, z]: [f64; 3]) {
+    operated.ask(&format!("G21G90G53G0Z{z}"));
+    operated.ask(&format!("G53G0X{x}Y{y}"));
+    operated.run(500);
+    operated.await_state("Idle");
 }
 
 /// The last note.
-fn note(desk: &Desk) -> String {
-    let mut notes = desk.events.iter().rev();
+fn note(operated: &OperatedMachine) -> String {
+    let mut notes = operated.events.iter().rev();
     let note = notes.find_map(|event| match event {
         Event::Note { text } => Some(text.clone()),
         _ => None,
@@ -66,19 +66,19 @@ fn note(desk: &Desk) -> String {
 }
 
 /// Begins a cycle, and runs to its end.
-fn probe(desk: &mut Desk, probing: Probing) -> String {
-    desk.command(Command::Probe { probing });
-    desk.run(100);
-    while desk.client.state().is_probing {
-        desk.run(100);
+fn probe(operated: &mut OperatedMachine, probing: Probing) -> String {
+    operated.command(Command::Probe { probing });
+    operated.run(100);
+    while operated.client.state().is_probing {
+        operated.run(100);
     }
-    desk.run(500);
-    note(desk)
+    operated.run(500);
+    note(operated)
 }
 
 /// The work zero of axes is at places, to a step.
-fn check(desk: &Desk, zero: [Option<f64>; 3]) {
-    let state = desk.client.state();
+fn check(operated: &OperatedMachine, zero: [Option<f64>; 3]) {
+    let state = operated.client.state();
     for (axis, zero) in zero.into_iter().enumerate() {
         let found = state.machine[axis] - state.work[axis];
         let zero = zero.unwrap_or_default();
@@ -91,51 +91,51 @@ fn check(desk: &Desk, zero: [Option<f64>; 3]) {
 
 #[test]
 fn the_top_is_found_below_a_plate_and_modes_are_as_before() {
-    let mut desk = desk();
-    desk.ask("G20G91G1F7");
+    let mut operated = operated();
+    operated.ask("G20G91G1F7");
     let note = probe(
-        &mut desk,
+        &mut operated,
         Probing {
             plate: 1.2,
             ..probing(Target::Top)
         },
     );
     assert!(note.starts_with("zero at machine Z-6.5"), "{note}");
-    check(&desk, [None, None, Some(TOP - 1.2)]);
-    let modes = &desk.client.state().modes;
+    check(&operated, [None, None, Some(TOP - 1.2)]);
+    let modes = &operated.client.state().modes;
     for word in ["G20", "G91", "G1", "F178"] {
         assert!(modes.contains(&word.to_owned()), "{word} {modes:?}");
     }
-    let back = desk.place_mm()[2] - TOP;
+    let back = operated.place_mm()[2] - TOP;
     assert!((back - 1.0).abs() < 0.05, "{back}");
 }
 
 #[test]
 fn a_fast_touch_is_left_before_the_second_one() {
-    let mut desk = desk();
+    let mut operated = operated();
     let fast = Probing {
         feed: 2000.0,
         retract: 0.5,
         ..probing(Target::Top)
     };
-    let note = probe(&mut desk, fast);
+    let note = probe(&mut operated, fast);
     assert!(note.starts_with("zero at machine Z-5.3"), "{note}");
-    let back = desk.place_mm()[2] - TOP;
+    let back = operated.place_mm()[2] - TOP;
     assert!((back - 0.5).abs() < 0.02, "{back}");
 }
 
 #[test]
 fn a_corner_is_found_from_above() {
     for with_top in [true, false] {
-        let mut desk = desk();
+        let mut operated = operated();
         let target = Target::CornerOutside {
             side: [1, 1],
             with_top,
         };
-        let note = probe(&mut desk, probing(target));
+        let note = probe(&mut operated, probing(target));
         assert!(note.starts_with("zero at machine"), "{note}");
         check(
-            &desk,
+            &operated,
             [
                 Some(SIDES[0][0]),
                 Some(SIDES[1][0]),
@@ -147,25 +147,25 @@ fn a_corner_is_found_from_above() {
 
 #[test]
 fn centres_are_found_from_within_and_from_above() {
-    let mut desk = desk();
-    go(&mut desk, [18.0, 14.0, 0.0]);
-    go(&mut desk, [18.0, 14.0, -7.0]);
-    let note = probe(&mut desk, probing(Target::Hole));
+    let mut operated = operated();
+    go(&mut operated, [18.0, 14.0, 0.0]);
+    go(&mut operated, [18.0, 14.0, -7.0]);
+    let note = probe(&mut operated, probing(Target::Hole));
     assert!(
         note.contains("X 16.00") && note.contains("Y 16.00"),
         "{note}"
     );
-    check(&desk, [Some(HOLE[0]), Some(HOLE[1]), None]);
-    let at = desk.place_mm();
+    check(&operated, [Some(HOLE[0]), Some(HOLE[1]), None]);
+    let at = operated.place_mm();
     assert!(
         (at[0] - HOLE[0]).abs() < 0.01,
         "it stands in the middle: {at:?}"
     );
 
-    let mut desk = self::desk();
-    go(&mut desk, [17.0, 14.0, 0.0]);
+    let mut operated = self::operated();
+    go(&mut operated, [17.0, 14.0, 0.0]);
     let note = probe(
-        &mut desk,
+        &mut operated,
         Probing {
             beside: 28.0,
             ..probing(Target::Boss)
@@ -173,38 +173,42 @@ fn centres_are_found_from_within_and_from_above() {
     );
     let middle = |axis: usize| f64::midpoint(SIDES[axis][0], SIDES[axis][1]);
     assert!(note.starts_with("X 43.01"), "{note}");
-    check(&desk, [Some(middle(0)), Some(middle(1)), None]);
+    check(&operated, [Some(middle(0)), Some(middle(1)), None]);
 }
 
 #[test]
 fn a_corner_is_found_from_within() {
-    let mut desk = desk();
-    go(&mut desk, [18.0, 14.0, 0.0]);
-    go(&mut desk, [18.0, 14.0, -7.0]);
-    probe(&mut desk, probing(Target::CornerInside { side: [-1, 1] }));
+    let mut operated = operated();
+    go(&mut operated, [18.0, 14.0, 0.0]);
+    go(&mut operated, [18.0, 14.0, -7.0]);
+    probe(
+        &mut operated,
+        probing(Target::CornerInside { side: [-1, 1] }),
+    );
     let [x, y, radius] = HOLE;
-    check(&desk, [Some(x - radius), Some(y + radius), None]);
+    check(&operated, [Some(x - radius), Some(y + radius), None]);
 }
 
 #[test]
 fn a_tool_is_measured_against_the_reference() {
-    let mut desk = desk();
+    let mut operated = operated();
     let note = probe(
-        &mut desk,
+        &mut operated,
         probing(Target::ToolLength { reference_mm: None }),
     );
     assert!(
         note.starts_with("reference tool: contact at machine Z -5.30"),
         "{note}"
     );
-    go(&mut desk, [0.0, 0.0, 0.0]);
+    go(&mut operated, [0.0, 0.0, 0.0]);
     let target = Target::ToolLength {
         reference_mm: Some(TOP - 2.0),
     };
-    let note = probe(&mut desk, probing(target));
+    let note = probe(&mut operated, probing(target));
     assert!(note.starts_with("tool length 2.00"), "{note}");
     assert!(
-        desk.ask("$#")
+        operated
+            .ask("$#")
             .0
             .iter()
             .any(|line| line.starts_with("[TLO:2.00"))
@@ -213,17 +217,17 @@ fn a_tool_is_measured_against_the_reference() {
 
 #[test]
 fn what_is_not_as_it_should_be_ends_a_cycle_or_does_not_begin_it() {
-    let mut desk = desk();
+    let mut operated = operated();
     let short = Probing {
         search: 3.0,
         ..probing(Target::Top)
     };
-    let note = probe(&mut desk, short);
+    let note = probe(&mut operated, short);
     assert!(note.starts_with("no contact in Z"), "{note}");
-    assert!(desk.client.state().alarm.is_none());
-    assert!(desk.client.state().modes.contains(&"G90".to_owned()));
+    assert!(operated.client.state().alarm.is_none());
+    assert!(operated.client.state().modes.contains(&"G90".to_owned()));
     // Too near beside the block: the way down touches it.
-    go(&mut desk, [0.0, 0.0, 0.0]);
+    go(&mut operated, [0.0, 0.0, 0.0]);
     let near = Probing {
         beside: 3.5,
         ..probing(Target::CornerOutside {
@@ -231,72 +235,74 @@ fn what_is_not_as_it_should_be_ends_a_cycle_or_does_not_begin_it() {
             with_top: false,
         })
     };
-    let note = probe(&mut desk, near);
+    let note = probe(&mut operated, near);
     assert_eq!(note, "the probe has touched something on its way");
-    check(&desk, [None; 3]);
+    check(&operated, [None; 3]);
     // It is on the block now.
-    let note = probe(&mut desk, probing(Target::Top));
+    let note = probe(&mut operated, probing(Target::Top));
     assert!(note.starts_with("the probe is closed already"), "{note}");
-    desk.touches = None;
-    desk.machine.press(simulation::machine::Pin::Probe, false);
-    desk.run(300);
+    operated.touches = None;
+    operated
+        .machine
+        .press(simulation::machine::Pin::Probe, false);
+    operated.run(300);
     let note = probe(
-        &mut desk,
+        &mut operated,
         Probing {
             feed: f64::NAN,
             ..probing(Target::Top)
         },
     );
     assert_eq!(note, "the feed is NaN, and at least 1 is needed");
-    desk.command(Command::Probe {
+    operated.command(Command::Probe {
         probing: probing(Target::Top),
     });
-    desk.await_state("Run");
-    desk.command(Command::Stop);
-    desk.run(2000);
-    assert!(!desk.client.state().is_probing && desk.client.state().state == "Idle");
+    operated.await_state("Run");
+    operated.command(Command::Stop);
+    operated.run(2000);
+    assert!(!operated.client.state().is_probing && operated.client.state().state == "Idle");
     let is_told =
         |event: &Event| matches!(event, Event::Note { text } if text.contains("was stopped"));
-    assert!(desk.events.iter().any(is_told));
-    desk.command(Command::Line {
+    assert!(operated.events.iter().any(is_told));
+    operated.command(Command::Line {
         number: 1,
         text: "G1X5F100".into(),
     });
-    desk.await_state("Run");
-    let note = probe(&mut desk, probing(Target::Top));
+    operated.await_state("Run");
+    let note = probe(&mut operated, probing(Target::Top));
     assert!(note.contains("has to be idle"), "{note}");
 }
 
 #[test]
 fn a_turning_spindle_is_probed_with_by_nobody() {
-    let mut desk = desk();
-    desk.ask("M3S1000");
-    desk.run(1500);
-    let note = probe(&mut desk, probing(Target::Top));
+    let mut operated = operated();
+    operated.ask("M3S1000");
+    operated.run(1500);
+    let note = probe(&mut operated, probing(Target::Top));
     assert_eq!(note, "the spindle turns: stop it first");
 }
 
 #[test]
 fn a_retract_stays_where_the_touch_began() {
-    let mut desk = desk();
-    go(&mut desk, [HOLE[0], HOLE[1], 0.0]);
-    go(&mut desk, [HOLE[0], HOLE[1], -7.0]);
+    let mut operated = operated();
+    go(&mut operated, [HOLE[0], HOLE[1], 0.0]);
+    go(&mut operated, [HOLE[0], HOLE[1], -7.0]);
     let wide = Probing {
         retract: 9.0,
         ..probing(Target::Hole)
     };
     // The hole is 13 mm wide for the tool: behind 9 mm from the left is the right wall.
-    let note = probe(&mut desk, wide);
+    let note = probe(&mut operated, wide);
     assert!(note.contains("X 16.00"), "{note}");
 }
 
 #[test]
 fn inverse_time_is_no_feed_of_a_cycle() {
-    let mut desk = desk();
-    desk.ask("G93");
-    let note = probe(&mut desk, probing(Target::Top));
+    let mut operated = operated();
+    operated.ask("G93");
+    let note = probe(&mut operated, probing(Target::Top));
     assert!(note.starts_with("zero at machine Z-5.3"), "{note}");
-    assert!(desk.client.state().modes.contains(&"G93".to_owned()));
+    assert!(operated.client.state().modes.contains(&"G93".to_owned()));
 }
 
 #[test]

@@ -18,7 +18,7 @@ use crate::{
         state::StateArea,
         tables::TablesArea,
     },
-    desk::Desk,
+    context::PageContext,
     link::Link,
     model::{Action, Model},
     worker::Reply,
@@ -76,13 +76,13 @@ pub fn App(start: &Start) -> Html {
         }
     });
     let lines = use_memo((), |()| Cell::new(0));
-    let desk = Desk {
+    let context = PageContext {
         model,
         link: Rc::clone(&link),
         lines,
     };
     html! {
-        <ContextProvider<Desk> context={desk}>
+        <ContextProvider<PageContext> context={context}>
             <main>
             <div class="top"><ConnectionArea /><HoldBar /></div>
             <div class="areas">
@@ -97,6 +97,6 @@ pub fn App(start: &Start) -> Html {
                 <ConsoleArea />
             </div>
             </main>
-        </ContextProvider<Desk>>
+        </ContextProvider<PageContext>>
     }
 }

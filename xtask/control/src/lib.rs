@@ -10,7 +10,7 @@
 
 pub mod app;
 pub mod areas;
-mod desk;
+mod context;
 pub mod link;
 pub mod model;
 mod storage;

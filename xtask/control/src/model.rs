@@ -37,7 +37,7 @@ impl Default for Connection {
 
 /// Who has written a line of the console.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Author {
+pub enum LineSource {
     /// The page's side.
     Operator,
     /// The machine.
@@ -48,13 +48,13 @@ pub enum Author {
 
 /// A line of the console.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Entry {
+pub struct LogEntry {
     /// Its number, by which the page finds it again.
     pub number: u64,
     /// When: ms since midnight.
     pub time_ms: u32,
     /// Who.
-    pub author: Author,
+    pub source: LineSource,
     /// What.
     pub text: String,
 }
@@ -69,7 +69,7 @@ pub struct Model {
     /// Who controls the machine, where the local program has it.
     pub control: Option<Control>,
     /// The console.
-    pub log: VecDeque<Entry>,
+    pub log: VecDeque<LogEntry>,
     /// Status reports are in it.
     pub shows_reports: bool,
     /// What the operator is to read now.
@@ -178,7 +178,7 @@ impl Model {
             Reply::Disconnected(reason) => {
                 let is_repeated = { self.log.back() }.is_some_and(|entry| entry.text == reason);
                 if !reason.is_empty() && !is_repeated {
-                    self.push(time_ms, Author::Note, reason.clone());
+                    self.push(time_ms, LineSource::Note, reason.clone());
                 }
                 self.connection = Connection::Closed(reason);
                 self.machine.is_there = false;
@@ -204,7 +204,7 @@ impl Model {
                 response,
             } => self.take_answer(number, lines, &response),
             Event::Note { text } => {
-                self.push(time_ms, Author::Note, text.clone());
+                self.push(time_ms, LineSource::Note, text.clone());
                 self.note = text;
             }
         }
@@ -223,10 +223,10 @@ impl Model {
     }
 
     fn take_line(&mut self, is_sent: bool, text: String, time_ms: u32) {
-        let author = if is_sent {
-            Author::Operator
+        let source = if is_sent {
+            LineSource::Operator
         } else {
-            Author::Machine
+            LineSource::Machine
         };
         let is_report = match Line::read(&text) {
             Line::Report(_) => true,
@@ -241,7 +241,7 @@ impl Model {
             _ => false,
         };
         if !is_report || self.shows_reports {
-            self.push(time_ms, author, text);
+            self.push(time_ms, source, text);
         }
     }
 
@@ -275,15 +275,15 @@ impl Model {
         self.has_homed = false;
     }
 
-    fn push(&mut self, time_ms: u32, author: Author, text: String) {
+    fn push(&mut self, time_ms: u32, source: LineSource, text: String) {
         if self.log.len() == MOST_LINES {
             self.log.pop_front();
         }
         self.entries += 1;
-        self.log.push_back(Entry {
+        self.log.push_back(LogEntry {
             number: self.entries,
             time_ms,
-            author,
+            source,
             text,
         });
     }

@@ -4,7 +4,7 @@
 
 use anyhow::{Result, bail, ensure};
 pub use grbl_client::MachineAnswers;
-use grbl_client::answer::step_rate;
+use grbl_client::{Report, answer::step_rate};
 use leadscrew::{
     axis::{AXES, LETTERS},
     model::{Levels, State, WorkCoordinates},
@@ -248,26 +248,26 @@ fn is_not_zero(values: &str) -> bool {
     values.split(',').any(|value| value.parse() != Ok(0.0))
 }
 
+/// What a virtual machine answers, as [`Machine::answers`](grbl_client::Machine::answers) of one at a line.
+pub fn of_virtual_machine(simulator: &mut Simulator) -> MachineAnswers {
+    let mut ask = |text: &str| play::ask(simulator, text.as_bytes());
+    let report = ask("?");
+    let report = report.first().and_then(|report| Report::read(report));
+    MachineAnswers {
+        version: ask("$I\n"),
+        settings: ask("$+\n"),
+        parameters: ask("$#\n"),
+        tools: ask("$TT\n"),
+        modes: ask("$G\n").into_iter().next().unwrap_or_default(),
+        position: report
+            .and_then(|it| it.machine_position())
+            .unwrap_or_default(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use grbl_client::Report;
-
     use super::*;
-
-    /// What a virtual machine says of itself.
-    fn answers(simulator: &mut Simulator) -> MachineAnswers {
-        let mut ask = |text: &str| play::ask(simulator, text.as_bytes());
-        let report = ask("?");
-        let position = Report::read(&report[0]).and_then(|report| report.machine_position());
-        MachineAnswers {
-            version: ask("$I\n"),
-            settings: ask("$+\n"),
-            parameters: ask("$#\n"),
-            tools: ask("$TT\n"),
-            modes: ask("$G\n").remove(0),
-            position: position.unwrap(),
-        }
-    }
 
     #[test]
     fn a_probing_move_becomes_one_that_may_miss_and_nothing_else_changes() {
@@ -297,8 +297,8 @@ mod tests {
                 .with_statements_at_rest()
                 .run(&mut refusal);
             assert_eq!(refusal.0, None);
-            let one = answers(&mut first);
-            let other = answers(&mut simulator(&one, false).unwrap());
+            let one = of_virtual_machine(&mut first);
+            let other = of_virtual_machine(&mut simulator(&one, false).unwrap());
             let modes = one
                 .modes
                 .replace("[GC:G0", "[GC:")

@@ -8,7 +8,7 @@ use leadscrew::axis::LETTERS;
 /// The time of motion of one of them, s.
 const BLOCK_S: f64 = 0.05;
 /// The time of motion that waits in the machine beside that in which it can stop, s.
-const AHEAD_S: f64 = 0.1;
+const LOOKAHEAD_S: f64 = 0.1;
 /// The acceleration of a machine that has not told it, mm/s².
 const ACCELERATION: f64 = 250.0;
 /// What is left before the end of the travel is not moved, mm.
@@ -92,7 +92,7 @@ impl Jog {
         let acceleration = used.filter_map(|(_, it)| it.filter(|it| *it > 0.0));
         let acceleration = acceleration.reduce(f64::min).unwrap_or(ACCELERATION);
         let speed = self.feed / 60.0;
-        let most_mm = speed * (AHEAD_S + speed / (2.0 * acceleration));
+        let most_mm = speed * (LOOKAHEAD_S + speed / (2.0 * acceleration));
         let is_far = self.sent_mm - moved_mm + self.block_mm > most_mm.max(self.block_mm);
         if is_far || self.block_mm < LEAST_MM {
             return None;

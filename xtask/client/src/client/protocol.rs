@@ -27,7 +27,7 @@ pub enum Command {
         /// mm/min.
         feed: f64,
     },
-    /// A jog as long as a key is held: it has to come again within [`HELD_MS`](super::HELD_MS).
+    /// A jog as long as a key is held: it has to come again within [`JOG_TIMEOUT_MS`](super::JOG_TIMEOUT_MS).
     Move {
         /// The number of the press: one that has ended begins no jog again.
         press: u32,

@@ -8,7 +8,7 @@ use web_sys::{HtmlInputElement, HtmlSelectElement};
 use yew::prelude::*;
 
 use crate::{
-    desk::{Desk, use_desk},
+    context::{PageContext, use_page_context},
     model::{Connection, Model},
     wire::{Transport, choose_port, has_serial},
 };
@@ -19,17 +19,17 @@ const BAUDS: [u32; 5] = [115_200, 230_400, 460_800, 921_600, 1_000_000];
 const ADDRESS: &str = "ws://fluidnc.local:81/";
 
 /// After how long a line that was lost is opened again, ms.
-const AGAIN_MS: u32 = 1000;
+const RECONNECT_MS: u32 = 1000;
 
 /// What is chosen in the form.
 #[derive(Debug, Clone, PartialEq, Eq)]
-struct Choice {
+struct ConnectionForm {
     kind: String,
     baud: u32,
     address: String,
 }
 
-impl Default for Choice {
+impl Default for ConnectionForm {
     fn default() -> Self {
         Self {
             kind: "virtual".into(),
@@ -75,13 +75,13 @@ impl Wish {
 }
 
 /// Opens the line that is chosen. A browser asks which port it is to be.
-fn connect(desk: Desk, choice: Choice, wish: Rc<RefCell<Wish>>) {
+fn connect(context: PageContext, choice: ConnectionForm, wish: Rc<RefCell<Wish>>) {
     let open = move |transport: Transport| {
         *wish.borrow_mut() = Wish {
             transport: Some(transport.clone()),
             was_there: false,
         };
-        desk.connect(transport);
+        context.connect(transport);
     };
     match choice.kind.as_str() {
         "serial" => spawn_local(async move {
@@ -99,14 +99,14 @@ fn connect(desk: Desk, choice: Choice, wish: Rc<RefCell<Wish>>) {
 
 /// Opens a line again that was lost.
 #[hook]
-fn use_again(desk: &Desk, wish: Rc<RefCell<Wish>>) {
-    wish.borrow_mut().was_there |= desk.model.is_there();
-    let connecting = desk.clone();
-    use_effect_with(desk.model.connection.clone(), move |connection| {
+fn use_again(context: &PageContext, wish: Rc<RefCell<Wish>>) {
+    wish.borrow_mut().was_there |= context.model.is_there();
+    let connecting = context.clone();
+    use_effect_with(context.model.connection.clone(), move |connection| {
         let again = wish
             .borrow()
             .again(connection)
-            .map(|transport| Timeout::new(AGAIN_MS, move || connecting.connect(transport)));
+            .map(|transport| Timeout::new(RECONNECT_MS, move || connecting.connect(transport)));
         move || drop(again)
     });
 }
@@ -114,37 +114,37 @@ fn use_again(desk: &Desk, wish: Rc<RefCell<Wish>>) {
 /// The choice of a machine.
 #[component]
 pub fn ConnectionArea() -> Html {
-    let desk = use_desk();
-    let choice = use_state(Choice::default);
+    let context = use_page_context();
+    let choice = use_state(ConnectionForm::default);
     let wish = use_mut_ref(Wish::default);
-    use_again(&desk, wish.clone());
-    let is_closed = matches!(desk.model.connection, Connection::Closed(_))
-        && wish.borrow().again(&desk.model.connection).is_none();
-    let words = words(&desk.model);
+    use_again(&context, wish.clone());
+    let is_closed = matches!(context.model.connection, Connection::Closed(_))
+        && wish.borrow().again(&context.model.connection).is_none();
+    let words = words(&context.model);
     let status = html! { <p role="status" id="connection">{ words }</p> };
-    if !desk.link.has_choice() {
+    if !context.link.has_choice() {
         let take = {
-            let desk = desk.clone();
-            Callback::from(move |_: MouseEvent| desk.link.take_control())
+            let context = context.clone();
+            Callback::from(move |_: MouseEvent| context.link.take_control())
         };
         return html! {
             <section class="connection" aria-label="Connection">
                 { status }
-                if desk.model.is_watching() {
+                if context.model.is_watching() {
                     <button id="take-control" type="button" class="main" onclick={take}>{ "Take control" }</button>
                 }
             </section>
         };
     }
     let submit = {
-        let (desk, choice) = (desk.clone(), choice.clone());
+        let (context, choice) = (context.clone(), choice.clone());
         Callback::from(move |event: SubmitEvent| {
             event.prevent_default();
             if is_closed {
-                connect(desk.clone(), (*choice).clone(), wish.clone());
+                connect(context.clone(), (*choice).clone(), wish.clone());
             } else {
                 wish.take();
-                desk.link.disconnect();
+                context.link.disconnect();
             }
         })
     };
@@ -161,8 +161,8 @@ pub fn ConnectionArea() -> Html {
 }
 
 /// The machine, and what else has to be known of it.
-fn fields(choice: &UseStateHandle<Choice>) -> Html {
-    let change = |change: fn(&mut Choice, String)| {
+fn fields(choice: &UseStateHandle<ConnectionForm>) -> Html {
+    let change = |change: fn(&mut ConnectionForm, String)| {
         let choice = choice.clone();
         move |text: String| {
             let mut changed = (*choice).clone();

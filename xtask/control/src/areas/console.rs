@@ -4,8 +4,8 @@ use web_sys::HtmlInputElement;
 use yew::prelude::*;
 
 use crate::{
-    desk::use_desk,
-    model::{Action, Author, Entry},
+    context::use_page_context,
+    model::{Action, LineSource, LogEntry},
 };
 
 /// The lines that are shown; the others are kept.
@@ -52,11 +52,11 @@ fn time(ms: u32) -> String {
 }
 
 /// A line of the console.
-fn row(entry: &Entry) -> Html {
-    let (class, mark) = match entry.author {
-        Author::Operator => ("sent", "→"),
-        Author::Machine => ("received", "←"),
-        Author::Note => ("note", "•"),
+fn row(entry: &LogEntry) -> Html {
+    let (class, mark) = match entry.source {
+        LineSource::Operator => ("sent", "→"),
+        LineSource::Machine => ("received", "←"),
+        LineSource::Note => ("note", "•"),
     };
     html! {
         <li key={entry.number} {class}><time>{ time(entry.time_ms) }</time><i aria-hidden="true">{ mark }</i>
@@ -67,21 +67,21 @@ fn row(entry: &Entry) -> Html {
 /// The console.
 #[component]
 pub fn ConsoleArea() -> Html {
-    let desk = use_desk();
+    let context = use_page_context();
     let text = use_state(String::new);
     let history = use_mut_ref(History::default);
-    let model = &*desk.model;
+    let model = &*context.model;
     let shown = model.log.len().saturating_sub(SHOWN);
     // The newest is first, where it is seen without scrolling.
     let rows = model.log.iter().skip(shown).rev().map(row);
     let submit = {
-        let (desk, text, history) = (desk.clone(), text.clone(), history.clone());
+        let (context, text, history) = (context.clone(), text.clone(), history.clone());
         Callback::from(move |event: SubmitEvent| {
             event.prevent_default();
             let line = text.trim().to_owned();
             if !line.is_empty() {
                 history.borrow_mut().keep(&line);
-                desk.line(&line);
+                context.line(&line);
                 text.set(String::new());
             }
         })
@@ -107,14 +107,14 @@ pub fn ConsoleArea() -> Html {
         })
     };
     let show = {
-        let model = desk.model.dispatcher();
+        let model = context.model.dispatcher();
         Callback::from(move |event: Event| {
             let input = event.target_unchecked_into::<HtmlInputElement>();
             model.dispatch(Action::ShowReports(input.checked()));
         })
     };
     let clear = {
-        let model = desk.model.dispatcher();
+        let model = context.model.dispatcher();
         Callback::from(move |_: MouseEvent| model.dispatch(Action::Clear))
     };
     html! {

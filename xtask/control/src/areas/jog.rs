@@ -13,10 +13,10 @@ use wasm_bindgen::JsCast as _;
 use web_sys::{HtmlInputElement, Node};
 use yew::prelude::*;
 
-use crate::desk::{Desk, use_desk};
+use crate::context::{PageContext, use_page_context};
 
 /// How often a held button asks, ms.
-const ASKED_MS: u32 = 80;
+const REPEAT_MS: u32 = 80;
 /// The distances of a press, mm or degrees; 0 is as long as it is held.
 const STEPS: [f64; 5] = [0.0, 0.01, 0.1, 1.0, 10.0];
 /// The feeds of the slider, mm/min: from the first to the last by an equal ratio.
@@ -70,7 +70,7 @@ struct Held {
 /// The pad's way to the machine.
 #[derive(Clone)]
 struct Pad {
-    desk: Desk,
+    context: PageContext,
     held: Rc<RefCell<Held>>,
     step: f64,
     feed: f64,
@@ -79,15 +79,15 @@ struct Pad {
 impl Pad {
     /// A button or a key goes down.
     fn press(&self, moved: &[(usize, i8)], key: &str) {
-        if !self.desk.model.may_jog() {
+        if !self.context.model.may_jog() {
             return;
         }
         self.release();
-        let along = along(self.desk.model.machine.machine.len(), moved);
-        let (feed, desk) = (self.feed, self.desk.clone());
+        let along = along(self.context.model.machine.machine.len(), moved);
+        let (feed, context) = (self.feed, self.context.clone());
         if self.step > 0.0 {
             let by = along.iter().map(|along| f64::from(*along) * self.step);
-            desk.send(Command::Step {
+            context.send(Command::Step {
                 by: by.collect(),
                 feed,
             });
@@ -95,7 +95,7 @@ impl Pad {
         }
         let press = self.held.borrow().presses + 1;
         let ask = move || {
-            desk.send(Command::Move {
+            context.send(Command::Move {
                 press,
                 along: along.clone(),
                 feed,
@@ -103,7 +103,7 @@ impl Pad {
         };
         ask();
         *self.held.borrow_mut() = Held {
-            asking: Some(Interval::new(ASKED_MS, ask)),
+            asking: Some(Interval::new(REPEAT_MS, ask)),
             key: key.into(),
             presses: press,
         };
@@ -112,12 +112,12 @@ impl Pad {
     /// What is held is let go.
     fn release(&self) {
         if self.held.borrow_mut().asking.take().is_some() {
-            self.desk.send(Command::Halt);
+            self.context.send(Command::Halt);
         }
     }
 
     fn key_down(&self, event: &KeyboardEvent) {
-        // A key that is held with another one, as Cmd, may never be told to be up; one that clicks repeats.
+        // A key that is held with another one, as Cmd, may never be message to be up; one that clicks repeats.
         if event.meta_key() || event.ctrl_key() || event.alt_key() {
             self.release();
             return;
@@ -169,7 +169,7 @@ impl Pad {
         let released = self.clone();
         let release = Callback::from(move |_: PointerEvent| released.release());
         html! {
-            <button type="button" aria-label={name.to_owned()} disabled={!self.desk.model.may_jog()}
+            <button type="button" aria-label={name.to_owned()} disabled={!self.context.model.may_jog()}
                 onpointerdown={press} onpointerup={release.clone()} onpointercancel={release.clone()}
                 onpointerleave={release} onclick={click}
                 oncontextmenu={|event: MouseEvent| event.prevent_default()}>{ text.to_owned() }</button>
@@ -201,13 +201,13 @@ fn end_listeners(pad: &Pad) -> Vec<EventListener> {
 /// The pad.
 #[component]
 pub fn JogArea() -> Html {
-    let desk = use_desk();
+    let context = use_page_context();
     let step = use_state(|| 1.0);
     let slider = use_state(|| POSITIONS * 2 / 3);
     let held = use_mut_ref(Held::default);
     let feed = feed_at(*slider);
     let pad = Pad {
-        desk: desk.clone(),
+        context: context.clone(),
         held,
         step: *step,
         feed,
@@ -225,7 +225,7 @@ pub fn JogArea() -> Html {
     {
         // An alarm, a lost line, a hold: what is held then does not begin again by itself.
         let pad = pad.clone();
-        use_effect_with(desk.model.may_jog(), move |may_jog| {
+        use_effect_with(context.model.may_jog(), move |may_jog| {
             if !may_jog {
                 pad.release();
             }
@@ -300,7 +300,7 @@ fn pad_buttons(pad: &Pad) -> Html {
         let gap = (name == "X−").then(|| html! { <span></span> });
         html! { <>{ button }{ gap }</> }
     });
-    let axes = pad.desk.model.machine.machine.len().max(3);
+    let axes = pad.context.model.machine.machine.len().max(3);
     let others = (2..axes).zip(LETTERS.iter().skip(2)).map(|(axis, letter)| {
         let letter = char::from(*letter);
         let [plus, minus] = [format!("{letter}+"), format!("{letter}−")];

@@ -7,7 +7,7 @@ use wasm_bindgen_futures::{JsFuture, spawn_local};
 use web_sys::{HtmlInputElement, HtmlTextAreaElement};
 use yew::prelude::*;
 
-use crate::{desk::use_desk, storage};
+use crate::{context::use_page_context, storage};
 
 /// Under which name they are kept, and the name of their file.
 const KEPT: &str = "macros";
@@ -63,7 +63,7 @@ fn filled(text: &str, values: &BTreeMap<String, String>) -> Result<Vec<String>, 
 /// Macros.
 #[component]
 pub fn MacroArea() -> Html {
-    let desk = use_desk();
+    let context = use_page_context();
     let macros = use_state(|| storage::load::<Vec<Macro>>(KEPT).unwrap_or_default());
     let edited = use_state(Macro::default);
     let asked = use_state(|| None::<(Macro, BTreeMap<String, String>)>);
@@ -75,15 +75,15 @@ pub fn MacroArea() -> Html {
             macros.set(changed);
         }
     };
-    let may_run = desk.model.takes_lines();
+    let may_run = context.model.takes_lines();
     let run = {
-        let (desk, asked, fault) = (desk.clone(), asked.clone(), fault.clone());
+        let (context, asked, fault) = (context.clone(), asked.clone(), fault.clone());
         move |which: &Macro, values: &BTreeMap<String, String>| match filled(&which.text, values) {
             Ok(lines) => {
                 fault.set(String::new());
                 asked.set(None);
                 for line in &lines {
-                    desk.line(line);
+                    context.line(line);
                 }
             }
             Err(wrong) => fault.set(wrong),

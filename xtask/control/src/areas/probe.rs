@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use web_sys::{HtmlInputElement, HtmlSelectElement};
 use yew::prelude::*;
 
-use crate::{desk::use_desk, model::Model, storage};
+use crate::{context::use_page_context, model::Model, storage};
 
 /// Under which name the form is kept.
 const KEPT: &str = "probing";
@@ -34,14 +34,14 @@ const FIELDS: [(&str, &str); 7] = [
 
 /// The form.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Form {
+struct ProbingForm {
     target: String,
     /// On which side of the corner the workpiece is, of X and of Y.
     side: [i8; 2],
     values: [f64; 7],
 }
 
-impl Default for Form {
+impl Default for ProbingForm {
     fn default() -> Self {
         Self {
             target: TARGETS[0].0.into(),
@@ -51,7 +51,7 @@ impl Default for Form {
     }
 }
 
-impl Form {
+impl ProbingForm {
     /// What the client is asked for.
     fn probing(&self, reference_mm: Option<f64>) -> Probing {
         let side = self.side;
@@ -100,7 +100,7 @@ impl Form {
 }
 
 /// What stands between the operator and the cycle.
-fn obstacle(model: &Model, form: &Form) -> Option<String> {
+fn obstacle(model: &Model, form: &ProbingForm) -> Option<String> {
     let text = if !model.is_there() {
         "connect to a machine first"
     } else if model.state_name() != "Idle" || model.is_job_running() {
@@ -159,11 +159,11 @@ fn picture(places: &[[f64; 3]]) -> Html {
 /// Probing.
 #[component]
 pub fn ProbeArea() -> Html {
-    let desk = use_desk();
-    let form = use_state(|| storage::load::<Form>(KEPT).unwrap_or_default());
+    let context = use_page_context();
+    let form = use_state(|| storage::load::<ProbingForm>(KEPT).unwrap_or_default());
     let change = {
         let form = form.clone();
-        move |changed: Form| {
+        move |changed: ProbingForm| {
             storage::keep(KEPT, &changed);
             form.set(changed);
         }
@@ -172,7 +172,7 @@ pub fn ProbeArea() -> Html {
         let (form, change) = (form.clone(), change.clone());
         Callback::from(move |event: Event| {
             let target = event.target_unchecked_into::<HtmlSelectElement>().value();
-            change(Form {
+            change(ProbingForm {
                 target,
                 ..(*form).clone()
             });
@@ -202,24 +202,24 @@ pub fn ProbeArea() -> Html {
     });
     let sides = [(1, 1), (-1, 1), (1, -1), (-1, -1)].map(|(x, y)| {
         let (form_now, change) = (form.clone(), change.clone());
-        let turn = Callback::from(move |_: Event| change(Form { side: [x, y], ..(*form_now).clone() }));
+        let turn = Callback::from(move |_: Event| change(ProbingForm { side: [x, y], ..(*form_now).clone() }));
         let name = format!("{}, {}", if y > 0 { "front" } else { "back" }, if x > 0 { "left" } else { "right" });
         html! {
             <label><input type="radio" name="corner" checked={form.side == [x, y]} onchange={turn} />{ name }</label>
         }
     });
-    let obstacle = obstacle(&desk.model, &form);
-    let probing = form.probing(desk.model.machine.reference_mm);
+    let obstacle = obstacle(&context.model, &form);
+    let probing = form.probing(context.model.machine.reference_mm);
     let places = probing.places();
     let begin = {
-        let desk = desk.clone();
-        Callback::from(move |_: MouseEvent| desk.send(Command::Probe { probing }))
+        let context = context.clone();
+        Callback::from(move |_: MouseEvent| context.send(Command::Probe { probing }))
     };
     let stop = {
-        let desk = desk.clone();
-        Callback::from(move |_: MouseEvent| desk.send(Command::Stop))
+        let context = context.clone();
+        Callback::from(move |_: MouseEvent| context.send(Command::Stop))
     };
-    let is_probing = desk.model.machine.is_probing;
+    let is_probing = context.model.machine.is_probing;
     html! {
         <section class="probe" aria-label="Probe">
             <h2>{ "Probe" }</h2>
@@ -245,9 +245,9 @@ mod tests {
 
     #[test]
     fn a_cycle_begins_with_an_open_probe_at_an_idle_machine() {
-        let mut form = Form::default();
+        let mut form = ProbingForm::default();
         let mut model = Model::default();
-        let says = |model: &Model, form: &Form| obstacle(model, form).unwrap_or_default();
+        let says = |model: &Model, form: &ProbingForm| obstacle(model, form).unwrap_or_default();
         assert!(says(&model, &form).contains("connect"));
         model.connection = Connection::Open;
         model.machine.is_there = true;
@@ -260,9 +260,9 @@ mod tests {
         assert_eq!(obstacle(&model, &form), None);
         form.values[2] = f64::NAN;
         assert!(says(&model, &form).contains("the search"));
-        form = Form {
+        form = ProbingForm {
             target: "tool".into(),
-            ..Form::default()
+            ..ProbingForm::default()
         };
         assert!(says(&model, &form).contains("reference tool"));
         model.machine.reference_mm = Some(-12.0);
@@ -271,10 +271,10 @@ mod tests {
 
     #[test]
     fn the_corner_of_the_form_is_where_the_workpiece_begins() {
-        let form = |target: &str| Form {
+        let form = |target: &str| ProbingForm {
             target: target.into(),
             side: [1, -1],
-            ..Form::default()
+            ..ProbingForm::default()
         };
         let outside = form("corner").probing(None).target;
         assert_eq!(
@@ -291,9 +291,9 @@ mod tests {
 
     #[test]
     fn the_motion_is_told_by_its_extents() {
-        let form = Form {
+        let form = ProbingForm {
             target: "corner".into(),
-            ..Form::default()
+            ..ProbingForm::default()
         };
         let places = form.probing(None).places();
         assert_eq!(

@@ -11,7 +11,7 @@ use web_sys::{DragEvent, File, HtmlInputElement, HtmlTextAreaElement};
 use yew::prelude::*;
 
 use crate::{
-    desk::{Desk, use_desk},
+    context::{PageContext, use_page_context},
     model::Model,
 };
 
@@ -78,22 +78,22 @@ fn progress(job: &JobState) -> (f64, String) {
 }
 
 /// Reads a file as a program.
-fn take_file(desk: &Desk, file: File) {
-    let desk = desk.clone();
+fn take_file(context: &PageContext, file: File) {
+    let context = context.clone();
     spawn_local(async move {
         let text = JsFuture::from(file.text()).await.ok();
         if let Some(text) = text.and_then(|text| text.as_string()) {
             let name = file.name();
-            desk.send(Command::Program { name, text });
+            context.send(Command::Program { name, text });
         }
     });
 }
 
 /// Files may be dropped anywhere on the page.
 #[hook]
-fn use_drop(desk: Desk) {
-    let latest = use_mut_ref(|| desk.clone());
-    *latest.borrow_mut() = desk;
+fn use_drop(context: PageContext) {
+    let latest = use_mut_ref(|| context.clone());
+    *latest.borrow_mut() = context;
     use_effect_with((), move |()| {
         let document = web_sys::window().and_then(|window| window.document());
         let listeners = document.map(|document| {
@@ -118,26 +118,26 @@ fn use_drop(desk: Desk) {
 /// The program and its job.
 #[component]
 pub fn ProgramArea() -> Html {
-    let desk = use_desk();
-    use_drop(desk.clone());
-    let model = &*desk.model;
+    let context = use_page_context();
+    use_drop(context.clone());
+    let model = &*context.model;
     let job = model.machine.job.as_ref();
     let is_running = model.is_job_running();
     let obstacle = obstacle(model);
     let open = {
-        let desk = desk.clone();
+        let context = context.clone();
         Callback::from(move |event: Event| {
             let input = event.target_unchecked_into::<HtmlInputElement>();
             if let Some(file) = input.files().and_then(|files| files.get(0)) {
-                take_file(&desk, file);
+                take_file(&context, file);
             }
             // The same file can be opened again, as it is then.
             input.set_value("");
         })
     };
     let command = |command: Command| {
-        let desk = desk.clone();
-        Callback::from(move |_: MouseEvent| desk.send(command.clone()))
+        let context = context.clone();
+        Callback::from(move |_: MouseEvent| context.send(command.clone()))
     };
     html! {
         <section class="program" aria-label="Program">
@@ -172,13 +172,13 @@ fn shown(job: &JobState) -> Html {
 /// A program that is typed or pasted.
 #[component]
 fn Paste() -> Html {
-    let desk = use_desk();
+    let context = use_page_context();
     let area = use_node_ref();
     let take = {
         let area = area.clone();
         Callback::from(move |_: MouseEvent| {
             if let Some(area) = area.cast::<HtmlTextAreaElement>() {
-                desk.send(Command::Program {
+                context.send(Command::Program {
                     name: PASTED.into(),
                     text: area.value(),
                 });
@@ -197,11 +197,11 @@ fn Paste() -> Html {
 /// Hold and resume, which are never out of sight.
 #[component]
 pub fn HoldBar() -> Html {
-    let desk = use_desk();
-    let is_there = desk.model.is_there();
+    let context = use_page_context();
+    let is_there = context.model.is_there();
     let byte = |byte| {
-        let desk = desk.clone();
-        Callback::from(move |_: MouseEvent| desk.byte(byte))
+        let context = context.clone();
+        Callback::from(move |_: MouseEvent| context.byte(byte))
     };
     html! {
         <div class="hold-bar" role="group" aria-label="Hold and resume">

@@ -11,7 +11,7 @@ use web_sys::{HtmlInputElement, HtmlSelectElement};
 use yew::prelude::*;
 
 use crate::{
-    desk::{Desk, use_desk},
+    context::{PageContext, use_page_context},
     model::Model,
     storage,
 };
@@ -157,37 +157,37 @@ fn Row(props: &RowProps) -> Html {
 }
 
 /// Asks the machine for everything.
-fn ask(desk: &Desk) {
+fn ask(context: &PageContext) {
     for question in QUESTIONS {
-        desk.line(question);
+        context.line(question);
     }
 }
 
 /// The settings.
 #[component]
 pub fn SettingsArea() -> Html {
-    let desk = use_desk();
+    let context = use_page_context();
     // The values at the first look, and those of a file.
     let before = use_state(Values::new);
     let file = use_state(|| None::<(String, Values)>);
-    let model = &*desk.model;
+    let model = &*context.model;
     let may_ask = model.takes_lines() && model.state_name() == "Idle";
     let load = {
-        let (desk, before) = (desk.clone(), before.clone());
+        let (context, before) = (context.clone(), before.clone());
         Callback::from(move |_: MouseEvent| {
             before.set(Values::new());
-            ask(&desk);
+            ask(&context);
         })
     };
     let onset = {
-        let (desk, before) = (desk.clone(), before.clone());
+        let (context, before) = (context.clone(), before.clone());
         Callback::from(move |(number, value): (u16, String)| {
             let mut kept = (*before).clone();
-            if let Some(value) = desk.model.settings.get(&number) {
+            if let Some(value) = context.model.settings.get(&number) {
                 kept.entry(number).or_insert_with(|| value.clone());
             }
             before.set(kept);
-            desk.line(&format!("${number}={value}"));
+            context.line(&format!("${number}={value}"));
         })
     };
     let catalogue = catalogue(model);
@@ -233,18 +233,18 @@ pub fn SettingsArea() -> Html {
             <button type="button" disabled={model.settings.is_empty()} onclick={save}>{ "Save as file" }</button>
             <label>{ "Compare with a file " }<input type="file" disabled={model.settings.is_empty()} onchange={open} />
                 </label>
-            if let Some((name, wanted)) = &*file { { compared(&desk, name, wanted, may_ask) } }
+            if let Some((name, wanted)) = &*file { { compared(&context, name, wanted, may_ask) } }
             { for groups }
         </section>
     }
 }
 
 /// What a file has otherwise, with a button for each and one for all.
-fn compared(desk: &Desk, name: &str, wanted: &Values, may_set: bool) -> Html {
-    let differences = differences(&desk.model.settings, wanted);
+fn compared(context: &PageContext, name: &str, wanted: &Values, may_set: bool) -> Html {
+    let differences = differences(&context.model.settings, wanted);
     let set = |lines: Vec<String>| {
-        let desk = desk.clone();
-        Callback::from(move |_: MouseEvent| lines.iter().for_each(|line| desk.line(line)))
+        let context = context.clone();
+        Callback::from(move |_: MouseEvent| lines.iter().for_each(|line| context.line(line)))
     };
     let line = |number: u16, wanted: &str| format!("${number}={wanted}");
     let all = { differences.iter() }

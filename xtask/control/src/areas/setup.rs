@@ -5,7 +5,7 @@ use leadscrew::axis::LETTERS;
 use yew::prelude::*;
 
 use crate::{
-    desk::{Desk, use_desk},
+    context::{PageContext, use_page_context},
     model::Model,
 };
 
@@ -45,9 +45,9 @@ fn lines_to_zero(model: &Model) -> Vec<String> {
 }
 
 /// A button that sends a line.
-fn line_button(desk: &Desk, text: &str, name: &str, line: String, is_on: bool) -> Html {
-    let desk = desk.clone();
-    let press = Callback::from(move |_: MouseEvent| desk.line(&line));
+fn line_button(context: &PageContext, text: &str, name: &str, line: String, is_on: bool) -> Html {
+    let context = context.clone();
+    let press = Callback::from(move |_: MouseEvent| context.line(&line));
     html! {
         <button type="button" disabled={!is_on} onclick={press} aria-label={name.to_owned()}>{ text.to_owned() }</button>
     }
@@ -56,20 +56,20 @@ fn line_button(desk: &Desk, text: &str, name: &str, line: String, is_on: bool) -
 /// Setting up.
 #[component]
 pub fn SetupArea() -> Html {
-    let desk = use_desk();
-    let model = &*desk.model;
+    let context = use_page_context();
+    let model = &*context.model;
     let axes = model.machine.machine.len();
     let is_locked = model.is_there() && model.state_name() == "Alarm";
     let may_home = is_locked || (model.takes_lines() && model.state_name() == "Idle");
     let reset = {
-        let desk = desk.clone();
-        Callback::from(move |_: MouseEvent| desk.byte(realtime::RESET))
+        let context = context.clone();
+        Callback::from(move |_: MouseEvent| context.byte(realtime::RESET))
     };
     let letters = LETTERS.iter().take(axes).map(|letter| char::from(*letter));
     let home_axes = letters.clone().map(|letter| {
         let name = format!("Home {letter}");
         line_button(
-            &desk,
+            &context,
             &letter.to_string(),
             &name,
             format!("$H{letter}"),
@@ -79,7 +79,7 @@ pub fn SetupArea() -> Html {
     let zero_axes = letters.enumerate().map(|(axis, letter)| {
         let name = format!("Zero {letter}");
         line_button(
-            &desk,
+            &context,
             &letter.to_string(),
             &name,
             zero_line([axis]),
@@ -90,13 +90,13 @@ pub fn SetupArea() -> Html {
         <section class="setup" aria-label="Set-up">
             <h2>{ "Set-up" }</h2>
             <div role="group" aria-label="Home">
-                { line_button(&desk, "Home", "Home all axes", "$H".into(), may_home) }{ for home_axes }
+                { line_button(&context, "Home", "Home all axes", "$H".into(), may_home) }{ for home_axes }
             </div>
             <div role="group" aria-label="Zero">
-                { line_button(&desk, "Zero", "Zero all axes", zero_line(0..axes), model.takes_lines()) }{ for zero_axes }
+                { line_button(&context, "Zero", "Zero all axes", zero_line(0..axes), model.takes_lines()) }{ for zero_axes }
             </div>
             <div role="group" aria-label="Locks">
-                { line_button(&desk, "Unlock", "Unlock", "$X".into(), is_locked) }
+                { line_button(&context, "Unlock", "Unlock", "$X".into(), is_locked) }
                 <button type="button" disabled={!model.is_there()} onclick={reset}>{ "Reset" }</button>
             </div>
             <GoToZero />
@@ -107,20 +107,21 @@ pub fn SetupArea() -> Html {
 /// To the zero of X and Y. Where the top of Z is not known, the operator is asked.
 #[component]
 fn GoToZero() -> Html {
-    let desk = use_desk();
+    let context = use_page_context();
     let is_asked = use_state(|| false);
-    let may_go = desk.model.may_jog();
+    let may_go = context.model.may_jog();
     let go = {
-        let (desk, is_asked) = (desk.clone(), is_asked.clone());
+        let (context, is_asked) = (context.clone(), is_asked.clone());
         Callback::from(move |_: MouseEvent| {
             is_asked.set(false);
-            for line in lines_to_zero(&desk.model) {
-                desk.line(&line);
+            for line in lines_to_zero(&context.model) {
+                context.line(&line);
             }
         })
     };
     let begin = {
-        let (is_homed, is_asked, go) = (desk.model.homed.is_some(), is_asked.clone(), go.clone());
+        let (is_homed, is_asked, go) =
+            (context.model.homed.is_some(), is_asked.clone(), go.clone());
         Callback::from(move |event: MouseEvent| {
             if is_homed {
                 go.emit(event);

@@ -4,7 +4,7 @@ use grbl_client::{client::State, realtime};
 use leadscrew::axis::LETTERS;
 use yew::prelude::*;
 
-use crate::{desk::use_desk, model::Model};
+use crate::{context::use_page_context, model::Model};
 
 /// The state in words.
 pub(crate) fn state_words(model: &Model) -> &'static str {
@@ -141,8 +141,8 @@ fn overrides(state: &State) -> [Override; 3] {
 /// The machine as it is.
 #[component]
 pub fn StateArea() -> Html {
-    let desk = use_desk();
-    let model = &*desk.model;
+    let context = use_page_context();
+    let model = &*context.model;
     let state = &model.machine;
     let unit = if model.machine.reports_inches {
         "in"
@@ -202,12 +202,12 @@ fn values(state: &State, unit: &str) -> Html {
 /// The overrides.
 #[component]
 fn Overrides() -> Html {
-    let desk = use_desk();
-    let is_off = !desk.model.is_there();
-    let rows = overrides(&desk.model.machine).map(|(name, value, buttons)| {
+    let context = use_page_context();
+    let is_off = !context.model.is_there();
+    let rows = overrides(&context.model.machine).map(|(name, value, buttons)| {
         let buttons = buttons.map(|(text, byte)| {
-            let desk = desk.clone();
-            let press = Callback::from(move |_: MouseEvent| desk.byte(byte));
+            let context = context.clone();
+            let press = Callback::from(move |_: MouseEvent| context.byte(byte));
             html! {
                 <button type="button" disabled={is_off} onclick={press}
                     aria-label={format!("{name} {text}")}>{ text }</button>

@@ -5,7 +5,7 @@ use leadscrew::axis::LETTERS;
 use web_sys::HtmlInputElement;
 use yew::prelude::*;
 
-use crate::{desk::use_desk, model::Model};
+use crate::{context::use_page_context, model::Model};
 
 /// The work systems by their names, with `P` of G10.
 const SYSTEMS: [(&str, u8); 9] = [
@@ -66,19 +66,23 @@ fn answer(model: &Model, question: &str) -> Vec<String> {
 /// The tables.
 #[component]
 pub fn TablesArea() -> Html {
-    let desk = use_desk();
-    let model = &*desk.model;
+    let context = use_page_context();
+    let model = &*context.model;
     let may_set = model.takes_lines() && model.state_name() == "Idle";
     let read = {
-        let desk = desk.clone();
-        Callback::from(move |_: MouseEvent| ["$#", "$TT"].iter().for_each(|line| desk.line(line)))
+        let context = context.clone();
+        Callback::from(move |_: MouseEvent| {
+            for line in ["$#", "$TT"] {
+                context.line(line);
+            }
+        })
     };
     // A line, and the table as it is then.
     let set = {
-        let desk = desk.clone();
+        let context = context.clone();
         move |line: &str, question: &str| {
-            desk.line(line);
-            desk.line(question);
+            context.line(line);
+            context.line(question);
         }
     };
     let (of_reports, of_lines) = units_mm(model);
@@ -105,8 +109,8 @@ pub fn TablesArea() -> Html {
         });
         let is_used = model.machine.modes.iter().any(|mode| mode == name);
         let choose = {
-            let desk = desk.clone();
-            Callback::from(move |_: MouseEvent| desk.line(name))
+            let context = context.clone();
+            Callback::from(move |_: MouseEvent| context.line(name))
         };
         html! {
             <tr class={classes!(is_used.then_some("used"))}>

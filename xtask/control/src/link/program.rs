@@ -16,7 +16,7 @@ use crate::worker::{Control, Reply};
 /// Where the program has it.
 const PATH: &str = "/socket";
 /// After how long it is tried again, ms.
-const AGAIN_MS: u32 = 1000;
+const RECONNECT_MS: u32 = 1000;
 
 /// The local program.
 pub struct ToProgram(Rc<RefCell<Connection>>);
@@ -63,14 +63,14 @@ impl ToProgram {
 /// What the program tells: events of the client, and who controls.
 #[derive(Deserialize)]
 #[serde(untagged)]
-enum Told {
-    Control(OfControl),
+enum Message {
+    Control(ServerMessage),
     Event(Event),
 }
 
 #[derive(Deserialize)]
 #[serde(tag = "is", rename_all = "kebab-case")]
-enum OfControl {
+enum ServerMessage {
     Control(Control),
 }
 
@@ -81,8 +81,10 @@ fn replies_of(text: &str) -> Vec<Reply> {
     let mut replies = Vec::new();
     for value in values {
         match serde_json::from_value(value) {
-            Ok(Told::Control(OfControl::Control(control))) => replies.push(Reply::Control(control)),
-            Ok(Told::Event(event)) => events.push(event),
+            Ok(Message::Control(ServerMessage::Control(control))) => {
+                replies.push(Reply::Control(control));
+            }
+            Ok(Message::Event(event)) => events.push(event),
             // A newer program may report more.
             Err(_) => {}
         }
@@ -130,7 +132,7 @@ fn open(connection: &Rc<RefCell<Connection>>) {
                 return;
             };
             let next = Rc::downgrade(&connection);
-            let again = Timeout::new(AGAIN_MS, move || {
+            let again = Timeout::new(RECONNECT_MS, move || {
                 if let Some(connection) = next.upgrade() {
                     open(&connection);
                 }

@@ -88,19 +88,19 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let token = Token::new()?;
     let (listener, site) = Site::bind(&options.listen, POLICY, files)?;
     let url = format!("{}?{}", site.url(), token.query());
-    let (to_desk, from_pages) = sync_channel(MOST_UNREAD);
-    serve(listener, site, token, to_desk);
+    let (to_server, from_pages) = sync_channel(MOST_UNREAD);
+    serve(listener, site, token, to_server);
     ui::status("Serving", &format!("{url} (Ctrl-C ends)"));
     if !options.no_open {
         ui::open(OsStr::new(&url));
     }
-    let mut desk = Desk::new(options, machine.link, from_pages);
-    desk.run(&stop)?;
+    let mut server = ControlServer::new(options, machine.link, from_pages);
+    server.run(&stop)?;
     Ok(ExitCode::SUCCESS)
 }
 
 /// Answers requests of whoever has the token.
-fn serve(listener: TcpListener, site: Site, token: Token, to_desk: SyncSender<FromPage>) {
+fn serve(listener: TcpListener, site: Site, token: Token, to_server: SyncSender<FromPage>) {
     let (numbers, open) = (AtomicUsize::new(0), Arc::new(AtomicUsize::new(0)));
     http::serve(listener, move |request| {
         if let Some(refusal) = site.refusal(&request) {
@@ -125,7 +125,7 @@ fn serve(listener: TcpListener, site: Site, token: Token, to_desk: SyncSender<Fr
         if !socket::is_asked(&request) {
             return request.answer("403 Forbidden", &[], b"a WebSocket of the page alone");
         }
-        talk(request, &numbers, &open, &to_desk)
+        talk(request, &numbers, &open, &to_server)
     });
 }
 
@@ -134,10 +134,10 @@ fn talk(
     request: Request,
     numbers: &AtomicUsize,
     open: &AtomicUsize,
-    to_desk: &SyncSender<FromPage>,
+    to_server: &SyncSender<FromPage>,
 ) -> io::Result<()> {
     let talked = if open.fetch_add(1, Ordering::Relaxed) < MOST_PAGES {
-        socket::talk(request, numbers.fetch_add(1, Ordering::Relaxed), to_desk)
+        socket::talk(request, numbers.fetch_add(1, Ordering::Relaxed), to_server)
     } else {
         request.answer("503 Service Unavailable", &[], b"too many pages are open")
     };
@@ -146,7 +146,7 @@ fn talk(
 }
 
 /// A machine between its line and the pages.
-struct Desk<'a> {
+struct ControlServer<'a> {
     options: &'a Options,
     /// None while the machine has gone.
     link: Option<Link>,
@@ -163,7 +163,7 @@ struct Desk<'a> {
     moved: Instant,
 }
 
-impl<'a> Desk<'a> {
+impl<'a> ControlServer<'a> {
     fn new(options: &'a Options, link: Link, from_pages: Receiver<FromPage>) -> Self {
         let now = Instant::now();
         Self {

@@ -35,7 +35,7 @@ use simulation::{
 
 use approach::Plunge;
 use forecast::Forecast;
-use progress::Clock;
+use progress::JobClock;
 use record::{Record, RecordFile};
 use resume::{Beginning, Entry};
 use screen::{Keyboard, Screen};
@@ -146,7 +146,7 @@ fn send(
         machine,
         keyboard,
         screen: Screen::new(lines.len()),
-        clock: Clock::default(),
+        clock: JobClock::default(),
         forecast,
         first,
         file,
@@ -308,7 +308,7 @@ struct Run<'a> {
     keyboard: &'a mut Keyboard,
     screen: Screen,
     forecast: Forecast,
-    clock: Clock,
+    clock: JobClock,
     /// The first line of the program that is sent, counted from 0.
     first: usize,
     file: &'a mut RecordFile,

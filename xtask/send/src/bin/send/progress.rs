@@ -17,7 +17,7 @@ pub(crate) struct Progress {
 
 /// The clock of a job, which stands in a hold.
 #[derive(Debug, Default)]
-pub(crate) struct Clock {
+pub(crate) struct JobClock {
     /// The lines that have been answered.
     answered: usize,
     /// The motion since then, s.
@@ -25,7 +25,7 @@ pub(crate) struct Clock {
     pub(crate) progress: Progress,
 }
 
-impl Clock {
+impl JobClock {
     /// Takes the time that has passed, s.
     pub(crate) fn tick(&mut self, forecast: &Forecast, job: &Transmission, passed_s: f64) {
         if self.answered != job.answered() {
@@ -76,7 +76,7 @@ mod tests {
 
     /// Lets the machine answer and time pass, and returns the line from 1 and the time that is left.
     fn pass(
-        clock: &mut Clock,
+        clock: &mut JobClock,
         to: (&Forecast, &mut Transmission),
         received: &[&str],
         s: f64,
@@ -100,7 +100,7 @@ mod tests {
     fn the_line_in_execution_is_shown_and_the_time_stands_in_a_hold() {
         // All are answered within the first.
         let (forecast, mut job) = begin("G1 X10 F600\nX20\nX30\nX40\nG4 P1");
-        let mut clock = Clock::default();
+        let mut clock = JobClock::default();
         let mut pass = |received: &[&str], s| pass(&mut clock, (&forecast, &mut job), received, s);
         assert_eq!(pass(&[RUN, "ok", "ok", "ok", "ok"], 0.0).0, 1);
         let (line, left_s) = pass(&[RUN], 2.0);
@@ -122,7 +122,7 @@ mod tests {
     #[test]
     fn an_early_contact_takes_the_rest_of_the_probing_move_off_the_time() {
         let (forecast, mut job) = begin("G0 Z-1\nG38.2 Z-21 F60\nG0 Z5\nG1 X10 F600");
-        let mut clock = Clock::default();
+        let mut clock = JobClock::default();
         let mut pass = |received: &[&str], s| pass(&mut clock, (&forecast, &mut job), received, s);
         pass(&[RUN, "ok"], 0.0);
         let (line, probing_s) = pass(&[RUN], 5.0);

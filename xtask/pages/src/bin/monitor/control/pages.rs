@@ -10,15 +10,15 @@ use super::socket::Page;
 /// What a page is told.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
-enum Told<'a> {
-    OfServer(OfServer<'a>),
+enum Message<'a> {
+    ServerMessage(ServerMessage<'a>),
     Event(Event),
 }
 
 /// Who controls what, beside the events of the client.
 #[derive(Debug, Serialize)]
 #[serde(tag = "is", rename_all = "kebab-case")]
-enum OfServer<'a> {
+enum ServerMessage<'a> {
     Control {
         /// By the page that is told.
         is_mine: bool,
@@ -59,7 +59,7 @@ impl Pages {
         let number = page.number;
         self.pages.push(page);
         self.in_control.get_or_insert(number);
-        let state = Told::Event(Event::State(Box::new(state.clone())));
+        let state = Message::Event(Event::State(Box::new(state.clone())));
         let all = json(&[self.control(number), state]);
         self.send(&all, |page| page == number);
         self.show_control();
@@ -114,8 +114,8 @@ impl Pages {
         }
     }
 
-    fn control(&self, number: usize) -> Told<'_> {
-        Told::OfServer(OfServer::Control {
+    fn control(&self, number: usize) -> Message<'_> {
+        Message::ServerMessage(ServerMessage::Control {
             is_mine: self.is_in_control(number),
             is_taken: self.in_control.is_some(),
             pages: self.pages.len(),

@@ -33,7 +33,7 @@ const MOST_WAITING: usize = 128;
 const LOOK: Duration = Duration::from_millis(20);
 /// How often a page is asked whether it is there, and after which silence it counts as gone.
 const PING: Duration = Duration::from_secs(1);
-const GONE: Duration = Duration::from_secs(3);
+const SILENCE_LIMIT: Duration = Duration::from_secs(3);
 
 /// What a page says, or what is message of it, with its number.
 #[derive(Debug)]
@@ -74,7 +74,7 @@ impl Drop for Page {
 /// What a page may say beside the commands of the client.
 #[derive(Deserialize)]
 #[serde(tag = "do", rename_all = "kebab-case")]
-enum OfServer {
+enum ServerCommand {
     TakeControl,
 }
 
@@ -90,7 +90,7 @@ pub(super) fn is_asked(request: &Request) -> bool {
 pub(super) fn talk(
     request: Request,
     number: usize,
-    to_desk: &SyncSender<FromPage>,
+    to_server: &SyncSender<FromPage>,
 ) -> io::Result<()> {
     let key = derive_accept_key(request.field("Sec-WebSocket-Key").as_bytes());
     let fields = [("Upgrade", "websocket"), ("Sec-WebSocket-Accept", &key)];
@@ -115,18 +115,18 @@ pub(super) fn talk(
     let config = WebSocketConfig::default()
         .write_buffer_size(0)
         .read_buffer_size(16 << 10);
-    let mut conversation = Conversation {
+    let mut conversation = PageConnection {
         number,
         socket: WebSocket::from_partially_read(line, surplus, Role::Server, Some(config)),
         inbox,
-        to_desk,
+        to_server,
         is_in_control,
         pinged: now,
     };
-    if to_desk.send(FromPage::Opened(page)).is_ok() {
+    if to_server.send(FromPage::Opened(page)).is_ok() {
         // However it ends, the page has gone.
         let _ = conversation.run();
-        let _ = to_desk.send(FromPage::Closed(number));
+        let _ = to_server.send(FromPage::Closed(number));
     }
     Ok(())
 }
@@ -161,16 +161,16 @@ impl Write for Line {
     }
 }
 
-struct Conversation<'a> {
+struct PageConnection<'a> {
     number: usize,
     socket: WebSocket<Line>,
     inbox: Receiver<Arc<str>>,
-    to_desk: &'a SyncSender<FromPage>,
+    to_server: &'a SyncSender<FromPage>,
     is_in_control: Arc<AtomicBool>,
     pinged: Instant,
 }
 
-impl Conversation<'_> {
+impl PageConnection<'_> {
     /// Talks until either side ends it.
     fn run(&mut self) -> Result<(), Error> {
         loop {
@@ -185,7 +185,7 @@ impl Conversation<'_> {
             });
             let now = Instant::now();
             let line = self.socket.get_mut();
-            if now >= line.received + GONE {
+            if now >= line.received + SILENCE_LIMIT {
                 return Ok(());
             }
             line.until = now + LOOK;
@@ -226,7 +226,7 @@ impl Conversation<'_> {
         }
         let message = match command {
             Ok(command) => FromPage::Command(self.number, command),
-            Err(_) if serde_json::from_str::<OfServer>(text).is_ok() => {
+            Err(_) if serde_json::from_str::<ServerCommand>(text).is_ok() => {
                 FromPage::TakesControl(self.number)
             }
             Err(error) => {
@@ -235,7 +235,7 @@ impl Conversation<'_> {
                 return self.socket.send(Message::text(note.unwrap_or_default()));
             }
         };
-        self.to_desk
+        self.to_server
             .send(message)
             .map_err(|_| Error::ConnectionClosed)
     }

@@ -272,7 +272,7 @@ impl Watcher for Recorder<'_> {
 mod tests {
     //! Programs that probe, and machines with plates at many depths.
 
-    use grbl_client::{MachineAnswers, Report};
+    use grbl_client::MachineAnswers;
     use leadscrew::{
         axis::Z,
         model::Levels,
@@ -280,7 +280,11 @@ mod tests {
         sim::{Closes, Edge, Simulator, Stream, StreamEnd, Switch, Watcher},
         units::Nm,
     };
-    use simulation::{SwitchPositions, machine_answers::UNLIMITED_BAUD, play::ask};
+    use simulation::{
+        SwitchPositions,
+        machine_answers::{UNLIMITED_BAUD, of_virtual_machine},
+        play::ask,
+    };
 
     use super::*;
 
@@ -302,21 +306,6 @@ mod tests {
             assign(&mut settings, assignment.as_bytes()).unwrap();
         }
         settings
-    }
-
-    /// What a machine says of itself.
-    fn answers(simulator: &mut Simulator) -> MachineAnswers {
-        let mut ask = |text: &str| ask(simulator, text.as_bytes());
-        let report = ask("?");
-        let position = Report::read(&report[0]).and_then(|report| report.machine_position());
-        MachineAnswers {
-            version: ask("$I\n"),
-            settings: ask("$+\n"),
-            parameters: ask("$#\n"),
-            tools: ask("$TT\n"),
-            modes: ask("$G\n").remove(0),
-            position: position.unwrap(),
-        }
     }
 
     fn lines(text: &str) -> Vec<Vec<u8>> {
@@ -426,7 +415,7 @@ mod tests {
                 assert_eq!(run(&mut simulator, &origins).1, [""; 0]);
                 middle[0] += 1.0;
                 let program = program(middle);
-                let forecast = forecast(&answers(&mut simulator), &program);
+                let forecast = forecast(&of_virtual_machine(&mut simulator), &program);
                 let forecast = forecast.unwrap_or_else(|error| panic!("{assignments:?}: {error}"));
                 assert_eq!(forecast.refused, [""; 0], "{assignments:?}");
                 assert_eq!(forecast.probing, Some(4));
@@ -446,7 +435,7 @@ mod tests {
     fn guarded(assignments: &[&str]) -> MachineAnswers {
         let assignments = ["22=1", "20=1"].iter().chain(assignments);
         let assignments: Vec<_> = assignments.map(ToString::to_string).collect();
-        answers(&mut homed(&settings(&assignments)))
+        of_virtual_machine(&mut homed(&settings(&assignments)))
     }
 
     /// Z probes down to -30, and the plate gives it its zero: without contact, `G0 Z5` would be above the travel.

@@ -13,20 +13,20 @@ use crate::{
 
 /// What each area has.
 #[derive(Clone)]
-pub(crate) struct Desk {
+pub(crate) struct PageContext {
     pub(crate) model: UseReducerHandle<Model>,
     pub(crate) link: Rc<Link>,
     /// The number of the last line.
     pub(crate) lines: Rc<Cell<u32>>,
 }
 
-impl PartialEq for Desk {
+impl PartialEq for PageContext {
     fn eq(&self, other: &Self) -> bool {
         self.model == other.model
     }
 }
 
-impl Desk {
+impl PageContext {
     /// Hands a command to the client.
     pub(crate) fn send(&self, command: Command) {
         self.link.send(command);
@@ -55,8 +55,8 @@ impl Desk {
     }
 }
 
-/// The desk.
+/// The context.
 #[hook]
-pub(crate) fn use_desk() -> Desk {
-    use_context().expect("the page has a desk")
+pub(crate) fn use_page_context() -> PageContext {
+    use_context().expect("the page has a context")
 }

@@ -17,7 +17,7 @@ use simulation::{
 pub(crate) const TICK_MS: u64 = 20;
 
 /// A machine, a client, and what the client has told.
-pub(crate) struct Desk {
+pub(crate) struct OperatedMachine {
     pub(crate) machine: Machine,
     pub(crate) client: Client,
     pub(crate) now_ms: u64,
@@ -26,7 +26,7 @@ pub(crate) struct Desk {
     pub(crate) touches: Option<fn([f64; 3]) -> bool>,
 }
 
-impl Desk {
+impl OperatedMachine {
     /// A machine amid switches that has been unlocked, with a client that knows it.
     pub(crate) fn new(settings: &[&str]) -> Self {
         let defaults = Settings {
@@ -35,18 +35,18 @@ impl Desk {
         };
         let mut simulator = Simulator::new(&defaults);
         SwitchPositions::of(&defaults).mount_on(&mut simulator);
-        let mut desk = Self {
+        let mut operated = Self {
             machine: Machine::amid(simulator, Vec::new()),
             client: Client::default(),
             now_ms: 0,
             events: Vec::new(),
             touches: None,
         };
-        desk.run(500);
+        operated.run(500);
         for line in ["$X"].iter().chain(settings) {
-            assert_eq!(desk.ask(line).1, "ok", "{line}");
+            assert_eq!(operated.ask(line).1, "ok", "{line}");
         }
-        desk
+        operated
     }
 
     /// Runs for a time, with the client.
