@@ -7,16 +7,9 @@ use yew::prelude::*;
 
 use crate::{
     areas::{
-        connection::ConnectionArea,
-        console::ConsoleArea,
-        jog::JogArea,
-        macros::MacroArea,
-        probe::ProbeArea,
-        program::{HoldBar, ProgramArea},
-        settings::SettingsArea,
-        setup::SetupArea,
-        state::StateArea,
-        tables::TablesArea,
+        connection::ConnectionArea, console::ConsoleArea, job::HoldBar, jog::JogArea,
+        macros::MacroArea, probe::ProbeArea, program::ProgramArea, settings::SettingsArea,
+        setup::SetupArea, state::StateArea, tables::TablesArea,
     },
     context::PageContext,
     link::Link,

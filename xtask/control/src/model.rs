@@ -59,9 +59,20 @@ pub struct LogEntry {
     pub text: String,
 }
 
+/// A program that is open.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Program {
+    /// The name of its file.
+    pub name: String,
+    /// Its text, as it is now.
+    pub text: String,
+}
+
 /// What the page knows.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Model {
+    /// The program that is open.
+    pub program: Option<Rc<Program>>,
     /// Whether there is a line to a machine.
     pub connection: Connection,
     /// The machine, as its client knows it.
@@ -100,6 +111,8 @@ pub enum Action {
     ShowReports(bool),
     /// The console is emptied.
     Clear,
+    /// A program is opened, or has changed.
+    Open(Rc<Program>),
 }
 
 impl Reducible for Model {
@@ -157,6 +170,7 @@ impl Model {
             Action::Opening => {
                 *self = Self {
                     log: std::mem::take(&mut self.log),
+                    program: self.program.take(),
                     shows_reports: self.shows_reports,
                     entries: self.entries,
                     connection: Connection::Opening,
@@ -169,6 +183,7 @@ impl Model {
             }
             Action::ShowReports(shows) => self.shows_reports = shows,
             Action::Clear => self.log.clear(),
+            Action::Open(program) => self.program = Some(program),
         }
     }
 
