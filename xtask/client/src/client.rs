@@ -82,6 +82,13 @@ struct Program {
     lines: Vec<Vec<u8>>,
 }
 
+/// From where a job begins: a line, counted from 0, and what is sent before.
+#[derive(Debug)]
+struct Start {
+    line: usize,
+    approach: Vec<String>,
+}
+
 /// The client of a machine.
 #[derive(Debug, Default)]
 pub struct Client {
@@ -106,7 +113,8 @@ pub struct Client {
     ended_press: Option<u32>,
     program: Program,
     job: Option<Transmission>,
-    is_start_asked: bool,
+    /// From where the job is to begin.
+    start_asked: Option<Start>,
     state: State,
     /// As it was told.
     shown: State,
@@ -136,7 +144,7 @@ impl Client {
             Command::Move { press, along, feed } => self.hold(press, (along, feed), now_ms),
             Command::Halt => self.halt(),
             Command::Program { name, text } => self.take_program(name, &text),
-            Command::Start => self.start(),
+            Command::Start { line, approach } => self.start(Start { line, approach }),
             Command::Stop if self.cycle.is_some() => {
                 self.end_cycle("the probing cycle was stopped");
                 self.stopping = Some(0);
@@ -152,9 +160,9 @@ impl Client {
     fn obstacle(&self, command: &Command) -> Option<&'static str> {
         let is_line = matches!(command, Command::Line { .. } | Command::Step { .. });
         let is_motion = is_line || matches!(command, Command::Move { .. } | Command::Probe { .. });
-        let is_start = matches!(command, Command::Program { .. } | Command::Start);
+        let is_start = matches!(command, Command::Program { .. } | Command::Start { .. });
         let takes_lines = { self.job.as_ref() }.is_none_or(|job| job.manual_lines.takes_lines());
-        if self.is_start_asked && (is_motion || is_start) {
+        if self.start_asked.is_some() && (is_motion || is_start) {
             Some("the job begins: nothing else is sent")
         } else if self.cycle.is_some() && (is_motion || is_start) {
             Some("a probing cycle is under way: nothing else is sent")
@@ -267,7 +275,7 @@ impl Client {
 
     /// Drops what will not be answered.
     fn forget(&mut self) {
-        self.is_start_asked = false;
+        self.start_asked = None;
         self.stopping = None;
         self.is_cancelling = false;
         self.jog = None;
@@ -342,27 +350,36 @@ impl Client {
     }
 
     /// Begins the job, where nothing else is under way.
-    fn start(&mut self) {
-        if !self.is_free() || self.program.lines.is_empty() {
-            let text = "the job begins at rest alone: the machine has to be idle".into();
-            self.note(Event::Note { text });
-            return;
+    fn start(&mut self, start: Start) {
+        let lines = self.program.lines.len();
+        let fault = if !self.is_free() || lines == 0 {
+            Some("the job begins at rest alone: the machine has to be idle".into())
+        } else if start.line >= lines {
+            let line = start.line.saturating_add(1);
+            Some(format!("there is no line {line}: the program has {lines}"))
+        } else {
+            None
+        };
+        match fault {
+            Some(text) => self.note(Event::Note { text }),
+            None => self.start_asked = Some(start),
         }
-        self.is_start_asked = true;
     }
 
     /// Sends the job, once nothing else will be answered.
     fn begin_job(&mut self) {
-        if !self.is_start_asked || !self.is_answered() {
+        if !self.is_answered() {
             return;
         }
-        self.is_start_asked = false;
+        let Some(Start { line, approach }) = self.start_asked.take() else {
+            return;
+        };
         if self.status.report.state_name() != "Idle" || !self.state.is_there {
             let text = "the job was not begun: the machine is not idle any more".into();
             self.note(Event::Note { text });
             return;
         }
-        let mut job = Transmission::new(&[], &self.program.lines, 0, false);
+        let mut job = Transmission::new(&approach, &self.program.lines, line, false);
         job.status.clone_from(&self.status);
         self.job = Some(job);
     }
@@ -371,7 +388,7 @@ impl Client {
     fn is_free(&self) -> bool {
         let mut lines = self.waiting.iter().chain(&self.in_flight);
         let is_busy = self.jog.is_some() || self.cycle.is_some() || self.job.is_some();
-        let is_asked = self.is_start_asked || lines.any(|asked| asked.of != Origin::Own);
+        let is_asked = self.start_asked.is_some() || lines.any(|asked| asked.of != Origin::Own);
         let is_idle = self.status.report.state_name() == "Idle" && self.state.is_there;
         is_idle && !is_busy && !is_asked
     }
@@ -687,8 +704,13 @@ impl Client {
         self.state.job = Some(JobState {
             name: self.program.name.clone(),
             lines: self.program.lines.len(),
+            first: job.first,
             answered: job.answered(),
-            executed: job.undone,
+            executed: if job.undone > job.first {
+                job.undone
+            } else {
+                0
+            },
             is_running,
             outcome,
         });

@@ -10,7 +10,7 @@ use crate::{
     Line, ManualLines, Response, Sender, Status,
     meaning::{self, LineOfAlarm},
     realtime,
-    sender::{Answered, Received, shown},
+    sender::{Answered, Received, sendable, shown},
 };
 
 /// Waits until everything is done: a dwell is answered at its end.
@@ -86,7 +86,7 @@ pub struct Transmission {
     lines: Vec<Vec<u8>>,
     approach: usize,
     /// The first line of the program after the approach, counted from 0.
-    first: usize,
+    pub first: usize,
     next: usize,
     /// It fills at most a receive buffer of Grbl's size: lines of the operator need room after the lines of the job.
     sender: Sender,
@@ -129,7 +129,7 @@ impl Transmission {
         first: usize,
         ignores_refusals: bool,
     ) -> Self {
-        let before = approach.iter().map(|line| line.as_bytes().to_vec());
+        let before = approach.iter().map(|line| sendable(line.as_bytes()));
         Self {
             lines: before.chain(program[first..].iter().cloned()).collect(),
             approach: approach.len(),
@@ -185,7 +185,9 @@ impl Transmission {
             return;
         }
         while let Some(line) = self.lines.get(self.next) {
-            if !self.sender.may_send(line) {
+            // Nothing is carried out behind a refused line of the approach.
+            let is_alone = self.next <= self.approach && self.approach > 0;
+            if !self.sender.may_send(line) || is_alone && !self.sender.is_done() {
                 return;
             }
             self.output.extend(line);

@@ -16,6 +16,14 @@ fn job(operated: &OperatedMachine) -> JobState {
     operated.client.state().job.clone().unwrap_or_default()
 }
 
+/// Starts the program at a line, counted from 0.
+fn start(line: usize) -> Command {
+    Command::Start {
+        line,
+        approach: Vec::new(),
+    }
+}
+
 /// The press of tests with one.
 const PRESS: u32 = 5;
 
@@ -164,7 +172,7 @@ fn nothing_is_sent_while_a_job_begins_or_runs() {
         text: "G21G91\nG1X10F600\n".into(),
     });
     operated.run(500);
-    operated.command(Command::Start);
+    operated.command(start(0));
     operated.command(Command::Step {
         by: vec![5.0],
         feed: 600.0,
@@ -242,7 +250,7 @@ fn a_job_is_sent_held_and_ended() {
     });
     operated.run(TICK_MS);
     assert!(!job(&operated).is_running && job(&operated).lines == 4);
-    operated.command(Command::Start);
+    operated.command(start(0));
     operated.await_state("Run");
     // Lines beside a job's would be taken for its own.
     operated.command(Command::Line {
@@ -268,7 +276,7 @@ fn a_job_is_sent_held_and_ended() {
     assert_eq!(job(&operated).answered, 4);
     assert!(x_mm(&operated).abs() < 1e-9);
 
-    operated.command(Command::Start);
+    operated.command(start(0));
     operated.await_state("Run");
     operated.command(Command::Stop);
     operated.run(3000);
@@ -281,13 +289,65 @@ fn a_job_is_sent_held_and_ended() {
 }
 
 #[test]
+fn a_job_that_starts_at_a_line_sends_the_approach_and_then_the_lines_from_there() {
+    let mut operated = OperatedMachine::new(&[]);
+    operated.command(Command::Program {
+        name: "part.nc".into(),
+        text: "G21G91\nG1X10F600\nX1\nX2\n".into(),
+    });
+    operated.run(500);
+    for line in [4, usize::MAX] {
+        operated.events.clear();
+        operated.command(start(line));
+        operated.run(500);
+        let is_refused = |event: &Event| matches!(event, Event::Note { text } if text.contains("the program has 4"));
+        assert!(operated.events.iter().any(is_refused));
+        assert!(!job(&operated).is_running);
+    }
+    operated.events.clear();
+    operated.command(Command::Start {
+        line: 2,
+        approach: ["G21G91", "G1X0.5!F600"].map(str::to_owned).into(),
+    });
+    operated.run(3000);
+    // What would be a realtime command in the approach ends it.
+    assert!(
+        job(&operated)
+            .outcome
+            .starts_with("the approach is refused")
+    );
+    assert_eq!(job(&operated).answered, 2);
+    operated.ask("$X");
+    operated.events.clear();
+    operated.command(Command::Start {
+        line: 2,
+        approach: ["G21G91", "G1X0.5F600"].map(str::to_owned).into(),
+    });
+    operated.await_state("Run");
+    operated.await_state("Idle");
+    operated.run(1000);
+    let sent = operated.events.iter().filter_map(|event| match event {
+        Event::Line {
+            is_sent: true,
+            text,
+        } => Some(text.as_str()),
+        _ => None,
+    });
+    let sent: Vec<_> = sent.filter(|text| !text.starts_with('$')).collect();
+    assert_eq!(sent, ["G21G91", "G1X0.5F600", "X1", "X2", "G4 P0.01"]);
+    let end = job(&operated);
+    assert_eq!((end.first, end.answered, &*end.outcome), (2, 4, "done"));
+    assert!((x_mm(&operated) - 3.5).abs() < 1e-9, "{}", x_mm(&operated));
+}
+
+#[test]
 fn no_text_and_no_number_of_a_page_is_a_realtime_command() {
     let mut operated = OperatedMachine::new(&[]);
     operated.command(Command::Program {
         name: "job.nc".into(),
         text: "\u{feff}G91 (\u{84}, !)\rG1 X1 F600 ; done?\n".into(),
     });
-    operated.command(Command::Start);
+    operated.command(start(0));
     operated.await_state("Run");
     operated.await_state("Idle");
     operated.run(500);
@@ -316,7 +376,7 @@ fn a_lost_line_ends_the_job_and_answers_nothing() {
         name: "part.nc".into(),
         text: "G1X50F600\n".repeat(50),
     });
-    operated.command(Command::Start);
+    operated.command(start(0));
     operated.await_state("Run");
     operated.client.lose_line();
     assert_eq!(job(&operated).outcome, "the line to the machine was lost");
@@ -343,6 +403,8 @@ fn what_passes_between_page_and_client_is_json() {
         r#"{"do":"move","press":5,"along":[0,-1],"feed":600.0}"#
     );
     assert_eq!(serde_json::from_str::<Command>(&text).unwrap(), command);
+    let whole = serde_json::from_str::<Command>(r#"{"do":"start"}"#).unwrap();
+    assert_eq!(whole, start(0));
     let note = Event::Note { text: "<b>".into() };
     let text = serde_json::to_string(&note).unwrap();
     assert_eq!(text, r#"{"is":"note","text":"<b>"}"#);

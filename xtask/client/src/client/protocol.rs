@@ -46,7 +46,14 @@ pub enum Command {
         text: String,
     },
     /// Sends the program.
-    Start,
+    Start {
+        /// Its first line to send, counted from 0.
+        #[serde(default)]
+        line: usize,
+        /// Lines that are sent before.
+        #[serde(default)]
+        approach: Vec<String>,
+    },
     /// Ends a job or a probing cycle: a hold, and a reset at rest.
     Stop,
     /// Has the machine take lines in a change of the tool.
@@ -131,9 +138,11 @@ pub struct JobState {
     pub name: String,
     /// Its lines.
     pub lines: usize,
-    /// Lines that the machine has answered.
+    /// The line from which it was started, counted from 0.
+    pub first: usize,
+    /// Lines that the machine has answered, with those before the first.
     pub answered: usize,
-    /// Lines before the one that is carried out, as far as it is known.
+    /// Lines before the one that is carried out; 0 where that is not known.
     pub executed: usize,
     /// Whether it has begun and not ended.
     pub is_running: bool,

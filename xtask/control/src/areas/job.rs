@@ -80,7 +80,10 @@ pub fn Job() -> Html {
             if let Some(program) = &context.model.program {
                 let (name, text) = (program.name.clone(), program.text.clone());
                 context.send(Command::Program { name, text });
-                context.send(Command::Start);
+                context.send(Command::Start {
+                    line: 0,
+                    approach: Vec::new(),
+                });
             }
         })
     };
@@ -141,6 +144,7 @@ mod tests {
         JobState {
             name: "plate.nc".into(),
             lines: 8,
+            first: 0,
             answered: executed,
             executed,
             is_running,
