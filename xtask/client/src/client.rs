@@ -3,7 +3,9 @@
 //!
 //! Pure: the caller owns line, clock and screen. It calls [`tick`](Client::tick) some 50 times a second.
 
+mod answers;
 mod cycle;
+mod job;
 mod jog;
 mod probing;
 mod protocol;
@@ -19,10 +21,10 @@ pub use protocol::{Command, Event, JobState, State};
 use leadscrew::axis::LETTERS;
 
 use crate::{
-    Line, Lines, Response, Sender, Status, Transmission, meaning, realtime,
-    sender::{Received, sendable},
-    transmission::{Key, Phase},
+    Line, Lines, Response, Sender, Status, Transmission, realtime, sender::sendable,
+    transmission::Key,
 };
+use answers::Answers;
 use cycle::ProbingCycle;
 use jog::Jog;
 
@@ -44,6 +46,8 @@ const ACCELERATION: u16 = 120;
 const MOST_STEPS: usize = 3;
 const MOST_JOGS: usize = 8;
 const LONGEST_JOG: &str = "$J=G91G21X-1000.000Y-1000.000Z-1000.000F10000";
+/// Reports after a line or an answer, of which the second one is of a machine that has come to rest.
+const REST_REPORTS: u32 = 2;
 /// `error:15`, a jog beyond the travel.
 const BEYOND_TRAVEL: Response = Response::Error(15);
 
@@ -70,6 +74,11 @@ struct QueuedLine {
 }
 
 impl QueuedLine {
+    fn new(of: Origin, text: String) -> Self {
+        let lines = Vec::new();
+        Self { of, text, lines }
+    }
+
     fn is_jog(&self) -> bool {
         self.text.trim_start().starts_with("$J=")
     }
@@ -100,10 +109,18 @@ pub struct Client {
     sender: Sender,
     waiting: VecDeque<QueuedLine>,
     in_flight: VecDeque<QueuedLine>,
+    /// To which lines answers belong.
+    answers: Answers,
+    /// Reports since a line was sent or answered, or an alarm.
+    reports: u32,
     jog: Option<Jog>,
     /// The number of the newest jog.
     jogs: u32,
     cycle: Option<ProbingCycle>,
+    /// The line that makes of the modes of a cycle that has ended those of before.
+    restores: Option<String>,
+    /// The modes of a cycle are in force, or those of a reset.
+    are_modes_changed: bool,
     /// A cycle is being stopped: when the machine is held, it is reset. Reports since.
     stopping: Option<u32>,
     /// Jogs are being cancelled.
@@ -116,6 +133,8 @@ pub struct Client {
     /// From where the job is to begin.
     start_asked: Option<Start>,
     state: State,
+    /// Homing has ended, and its position is not reported yet.
+    has_homed: bool,
     /// As it was told.
     shown: State,
     /// `$G` may have another answer.
@@ -145,12 +164,7 @@ impl Client {
             Command::Halt => self.halt(),
             Command::Program { name, text } => self.take_program(name, &text),
             Command::Start { line, approach } => self.start(Start { line, approach }),
-            Command::Stop if self.cycle.is_some() => {
-                self.end_cycle("the probing cycle was stopped");
-                self.stopping = Some(0);
-                self.output.push(realtime::HOLD);
-            }
-            Command::Stop => self.key(Key::Stop),
+            Command::Stop => self.stop(),
             Command::Probe { probing } => self.probe(probing),
             Command::TakeLines => self.key(Key::ManualLines),
         }
@@ -158,16 +172,14 @@ impl Client {
 
     /// Why a command is not carried out now.
     fn obstacle(&self, command: &Command) -> Option<&'static str> {
-        let is_line = matches!(command, Command::Line { .. } | Command::Step { .. });
-        let is_motion = is_line || matches!(command, Command::Move { .. } | Command::Probe { .. });
-        let is_start = matches!(command, Command::Program { .. } | Command::Start { .. });
-        let takes_lines = { self.job.as_ref() }.is_none_or(|job| job.manual_lines.takes_lines());
-        if self.start_asked.is_some() && (is_motion || is_start) {
-            Some("the job begins: nothing else is sent")
-        } else if self.cycle.is_some() && (is_motion || is_start) {
+        let is_of_cycle = command.may_move()
+            || matches!(command, Command::Program { .. } | Command::Start { .. });
+        if let Some(text) = self.obstacle_of_job(command) {
+            Some(text)
+        } else if self.cycle.is_some() && is_of_cycle {
             Some("a probing cycle is under way: nothing else is sent")
-        } else if is_motion && !takes_lines {
-            Some("the job is under way: other lines are taken in a change of the tool alone")
+        } else if command.may_move() && self.answers != Answers::Known && !self.is_quiet() {
+            Some("the machine may still do what was asked for before: it has to come to rest first")
         } else if matches!(command, Command::Step { .. }) && self.jog_lines() >= MOST_STEPS {
             Some("the machine has to come to the end of its jogs first")
         } else {
@@ -216,6 +228,7 @@ impl Client {
             .is_some_and(|received_ms| now_ms < received_ms + SILENCE_LIMIT_MS);
         self.begin_job();
         self.probe_on();
+        self.settle_answers();
         self.send();
         self.show();
     }
@@ -264,6 +277,8 @@ impl Client {
         self.are_settings_known = false;
         self.are_modes_old = true;
         self.state.reference_mm = None;
+        self.forget_homing();
+        self.lose_answers();
         self.output.clear();
     }
 
@@ -280,6 +295,7 @@ impl Client {
         self.is_cancelling = false;
         self.jog = None;
         self.end_cycle("the machine was reset, and the probing cycle has ended");
+        self.are_modes_changed |= self.restores.take().is_some();
         self.sender = Sender::default();
         for asked in mem::take(&mut self.in_flight)
             .into_iter()
@@ -298,99 +314,24 @@ impl Client {
     fn ask(&mut self, of: Origin, text: String) {
         let is_one_line = !text.is_empty() && !text.contains(['\n', '\r']);
         if is_one_line && self.waiting.len() < MOST_WAITING {
-            self.waiting.push_back(QueuedLine {
-                of,
-                text,
-                lines: Vec::new(),
-            });
+            self.waiting.push_back(QueuedLine::new(of, text));
         }
     }
 
-    fn realtime(&mut self, byte: u8) {
-        if !matches!(byte, b'?' | b'!' | b'~' | realtime::RESET | 0x80..) {
-            return;
-        }
-        let key = match byte {
-            realtime::HOLD => Key::Hold,
-            realtime::RESUME => Key::Resume,
-            byte => Key::Realtime(byte),
-        };
-        if byte == realtime::HOLD {
-            // What it stops does not begin again by itself.
-            self.halt();
-        }
-        match &mut self.job {
-            Some(job) if job.phase == Phase::Running => job.press(key),
-            _ => self.output.push(byte),
-        }
+    /// Whether the machine is at rest and moves by lines of the operator.
+    fn is_ready(&self) -> bool {
+        let name = self.status.report.state_name();
+        let is_in_change = name == "Tool" && (self.job.is_none() || self.takes_lines_amid_job());
+        self.state.is_there && (is_in_change || name == "Idle" && self.job.is_none())
     }
 
-    fn key(&mut self, key: Key) {
-        if let Some(job) = &mut self.job {
-            job.press(key);
-        }
-    }
-
-    fn take_program(&mut self, name: String, text: &str) {
-        if self.job.is_some() {
-            return;
-        }
-        self.program = Program {
-            name,
-            lines: { text.trim_start_matches('\u{feff}').lines() }
-                .flat_map(|line| line.split('\r'))
-                .map(|line| sendable(line.as_bytes()))
-                .collect(),
-        };
-        self.state.job = Some(JobState {
-            name: self.program.name.clone(),
-            lines: self.program.lines.len(),
-            ..JobState::default()
-        });
-    }
-
-    /// Begins the job, where nothing else is under way.
-    fn start(&mut self, start: Start) {
-        let lines = self.program.lines.len();
-        let fault = if !self.is_free() || lines == 0 {
-            Some("the job begins at rest alone: the machine has to be idle".into())
-        } else if start.line >= lines {
-            let line = start.line.saturating_add(1);
-            Some(format!("there is no line {line}: the program has {lines}"))
-        } else {
-            None
-        };
-        match fault {
-            Some(text) => self.note(Event::Note { text }),
-            None => self.start_asked = Some(start),
-        }
-    }
-
-    /// Sends the job, once nothing else will be answered.
-    fn begin_job(&mut self) {
-        if !self.is_answered() {
-            return;
-        }
-        let Some(Start { line, approach }) = self.start_asked.take() else {
-            return;
-        };
-        if self.status.report.state_name() != "Idle" || !self.state.is_there {
-            let text = "the job was not begun: the machine is not idle any more".into();
-            self.note(Event::Note { text });
-            return;
-        }
-        let mut job = Transmission::new(&approach, &self.program.lines, line, false);
-        job.status.clone_from(&self.status);
-        self.job = Some(job);
-    }
-
-    /// Whether the machine is idle, and nothing is under way but questions of the client's own.
+    /// Whether nothing is under way but questions of the client's own.
     fn is_free(&self) -> bool {
         let mut lines = self.waiting.iter().chain(&self.in_flight);
-        let is_busy = self.jog.is_some() || self.cycle.is_some() || self.job.is_some();
+        let is_busy = self.jog.is_some() || self.cycle.is_some() || self.restores.is_some();
+        let is_job = self.job.is_some() && !self.takes_lines_amid_job();
         let is_asked = self.start_asked.is_some() || lines.any(|asked| asked.of != Origin::Own);
-        let is_idle = self.status.report.state_name() == "Idle" && self.state.is_there;
-        is_idle && !is_busy && !is_asked
+        !is_busy && !is_job && !is_asked
     }
 
     /// Whether nothing was sent that is not answered, and nothing is under way.
@@ -401,7 +342,8 @@ impl Client {
 
     /// Whether every line is sent and answered.
     fn is_answered(&self) -> bool {
-        self.sender.is_done() && self.waiting.is_empty()
+        let is_due = self.answers != Answers::Known && self.job.is_none();
+        !is_due && self.in_flight.is_empty() && self.waiting.is_empty() && self.restores.is_none()
     }
 
     /// A key is held.
@@ -427,8 +369,11 @@ impl Client {
 
     /// Ends jogs: those that wait are not sent, and the machine cancels the others.
     fn halt(&mut self) {
-        if self.jog.take().is_some() {
-            self.ended_press = Some(self.press);
+        self.end_press();
+        let lines = self.waiting.iter().chain(&self.in_flight);
+        let mut of_cycle = lines.filter(|asked| asked.of == Origin::Cycle);
+        if self.status.report.state_name() == "Jog" || of_cycle.any(QueuedLine::is_jog) {
+            self.end_cycle("the probing cycle was stopped amid its motion");
         }
         let waiting = mem::take(&mut self.waiting);
         let (jogs, others): (VecDeque<_>, _) = waiting.into_iter().partition(QueuedLine::is_jog);
@@ -439,6 +384,13 @@ impl Client {
         if self.has_jogs() {
             self.is_cancelling = true;
             self.output.push(realtime::JOG_CANCEL);
+        }
+    }
+
+    /// The key that was held begins nothing again.
+    fn end_press(&mut self) {
+        if self.jog.take().is_some() {
+            self.ended_press = Some(self.press);
         }
     }
 
@@ -461,14 +413,15 @@ impl Client {
                 });
             }
         }
+        self.restore_modes();
         while self.may_send_next()
             && let Some(asked) = self.waiting.pop_front()
         {
             self.send_line(asked);
         }
         self.send_jogs();
-        let is_idle = matches!(self.status.report.state_name(), "Idle" | "Alarm" | "Check");
-        if !is_idle || !self.is_silent() {
+        let may_ask = self.job.is_none() || self.takes_lines_amid_job();
+        if !self.is_quiet() || !may_ask || !self.is_silent() {
             return;
         }
         if !mem::replace(&mut self.are_settings_known, true) {
@@ -478,18 +431,34 @@ impl Client {
         }
     }
 
+    /// Sends the modes from before a probing cycle, before any other line that depends on them.
+    fn restore_modes(&mut self) {
+        let is_idle = self.is_ready() || self.status.report.state_name() == "Check";
+        if is_idle
+            && self.reports >= REST_REPORTS
+            && self.in_flight.is_empty()
+            && let Some(text) = self.restores.take()
+        {
+            self.waiting
+                .push_front(QueuedLine::new(Origin::Page(None), text));
+        }
+    }
+
     /// Whether the machine has room for a line: amid a job it has in a change of the tool alone.
     fn may_send(&self, text: &str) -> bool {
         match &self.job {
-            Some(job) => job.manual_lines.takes_lines(),
-            None => self.sender.may_send(text.as_bytes()),
+            Some(_) => self.takes_lines_amid_job(),
+            None => self.answers == Answers::Known && self.sender.may_send(text.as_bytes()),
         }
     }
 
     /// Whether the line that waits first may be sent: one after the other, for one may be refused.
     fn may_send_next(&self) -> bool {
         let next = self.waiting.front();
-        next.is_some_and(|asked| self.in_flight.is_empty() && self.may_send(&asked.text))
+        next.is_some_and(|asked| {
+            let is_of_modes = self.restores.is_none() || asked.text.starts_with('$');
+            is_of_modes && self.in_flight.is_empty() && self.may_send(&asked.text)
+        })
     }
 
     fn send_line(&mut self, asked: QueuedLine) {
@@ -505,6 +474,7 @@ impl Client {
             is_sent: true,
             text,
         });
+        self.reports = 0;
         self.in_flight.push_back(asked);
     }
 
@@ -535,132 +505,7 @@ impl Client {
             && let Some(jog) = &mut self.jog
             && let Some(text) = jog.next(&position, &accelerations)
         {
-            self.send_line(QueuedLine {
-                of,
-                text,
-                lines: Vec::new(),
-            });
-        }
-    }
-
-    fn receive_line(&mut self, text: &str) {
-        self.note(Event::Line {
-            is_sent: false,
-            text: text.into(),
-        });
-        let line = Line::read(text);
-        match &line {
-            Line::Report(report) => {
-                self.status.take(report.clone());
-                if let Some(cycle) = &mut self.cycle {
-                    cycle.reports += 1;
-                }
-                // The first may be older than the hold.
-                if self.stopping.is_some_and(|reports| reports > 0) && report.is_at_rest() {
-                    self.stopping = None;
-                    self.output.push(realtime::RESET);
-                }
-                self.stopping.iter_mut().for_each(|reports| *reports += 1);
-                // A jog that was on the line when the others were cancelled begins all the same.
-                self.is_cancelling &= self.has_jogs();
-                if self.is_cancelling {
-                    self.output.push(realtime::JOG_CANCEL);
-                }
-                if self.status.report.state_name() != "Alarm" {
-                    self.state.alarm = None;
-                }
-            }
-            Line::Alarm(number) => {
-                self.drop_waiting("the machine is in alarm: lines that wait are not sent");
-                let text = meaning::alarm_with_remedy(number, None).unwrap_or_default();
-                self.state.alarm = Some(((*number).into(), text));
-            }
-            Line::Setting(..) => self.take_setting(text),
-            Line::Answer("GC", words) => {
-                self.state.modes = words.split(' ').map(str::to_owned).collect();
-            }
-            _ => {}
-        }
-        if self.job.is_some() {
-            self.receive_of_job(text);
-        } else if line == Line::Welcome {
-            self.forget();
-            // It may have been switched off.
-            self.state.reference_mm = None;
-            self.are_modes_old = true;
-        } else {
-            self.receive_of_operator(text);
-        }
-    }
-
-    fn receive_of_operator(&mut self, text: &str) {
-        match self.sender.receive(text) {
-            Received::Answer(answered) => self.answered(answered.response),
-            Received::Message => self.keep(text),
-            Received::Surplus(_) => {}
-        }
-    }
-
-    fn receive_of_job(&mut self, text: &str) {
-        let Some(job) = &mut self.job else { return };
-        let response = Response::parse(text).filter(|_| job.manual_lines.awaits_answer());
-        job.receive(text);
-        match response {
-            Some(response) => self.answered(response),
-            None => self.keep(text),
-        }
-    }
-
-    /// Keeps what comes before an answer.
-    fn keep(&mut self, text: &str) {
-        if !text.starts_with('<')
-            && let Some(asked) = self.in_flight.front_mut()
-        {
-            asked.lines.push(text.into());
-        }
-    }
-
-    /// The oldest line is answered.
-    fn answered(&mut self, response: Response) {
-        let Some(asked) = self.in_flight.pop_front() else {
-            return;
-        };
-        // A jog that has ended has nobody who waits for its answer.
-        if asked.of == Origin::Jog(self.jogs)
-            && let Some(jog) = &mut self.jog
-        {
-            jog.answer(response == BEYOND_TRAVEL);
-        }
-        self.are_modes_old |= !asked.text.starts_with('$');
-        let is_of_page = matches!(asked.of, Origin::Page(_));
-        let is_question = asked.text.starts_with('$') && !asked.is_jog();
-        if response != Response::Ok && is_of_page && !is_question {
-            self.drop_waiting("a line was refused: the lines after it are not sent");
-        }
-        if response == Response::Ok {
-            self.take_setting(&asked.text);
-        }
-        self.answer(asked, &response.to_string());
-    }
-
-    fn answer(&mut self, asked: QueuedLine, response: &str) {
-        let QueuedLine { of, text, lines } = asked;
-        match of {
-            Origin::Page(Some(number)) => {
-                let response = response.into();
-                self.note(Event::Answer {
-                    number,
-                    lines,
-                    response,
-                });
-            }
-            Origin::Own | Origin::Page(None) if response.starts_with("error") => {
-                self.note(Event::Note {
-                    text: format!("{text}: {response}"),
-                });
-            }
-            Origin::Cycle => self.take_contact(&lines, response),
-            Origin::Own | Origin::Page(None) | Origin::Jog(_) => {}
+            self.send_line(QueuedLine::new(of, text));
         }
     }
 
@@ -685,39 +530,6 @@ impl Client {
             self.shown.clone_from(&self.state);
             let state = Box::new(self.state.clone());
             self.events.push(Event::State(state));
-        }
-    }
-
-    fn show_job(&mut self) {
-        let Some(job) = &mut self.job else { return };
-        for text in job.take_notes() {
-            self.events.push(Event::Note { text });
-        }
-        let outcome = match &job.phase {
-            Phase::Running => String::new(),
-            Phase::Stopping(reason) | Phase::Resetting(reason) | Phase::Failed(reason) => {
-                reason.clone()
-            }
-            Phase::Done => "done".into(),
-        };
-        let is_running = !matches!(job.phase, Phase::Done | Phase::Failed(_));
-        self.state.job = Some(JobState {
-            name: self.program.name.clone(),
-            lines: self.program.lines.len(),
-            first: job.first,
-            answered: job.answered(),
-            executed: if job.undone > job.first {
-                job.undone
-            } else {
-                0
-            },
-            is_running,
-            outcome,
-        });
-        if !is_running {
-            self.job = None;
-            self.forget();
-            self.are_modes_old = true;
         }
     }
 }

@@ -28,8 +28,8 @@ pub struct ManualLines {
     /// The line that is being typed.
     pub text: Option<String>,
     unanswered: usize,
-    /// The operator has pressed cycle start since.
-    is_resumed: bool,
+    /// The operator has pressed cycle start since, so many reports of a change of the tool ago.
+    resumed: Option<u32>,
     /// A line has set what a reset takes away again.
     pub has_set: bool,
 }
@@ -47,10 +47,10 @@ impl ManualLines {
         matches!(self.stage, Stage::Asked(_))
     }
 
-    /// Whether the machine executes lines now.
+    /// Whether the machine executes lines now: not behind a cycle start.
     #[must_use]
     pub fn takes_lines(&self) -> bool {
-        self.stage == Stage::On
+        self.stage == Stage::On && self.resumed.is_none()
     }
 
     /// Sends a line.
@@ -59,7 +59,7 @@ impl ManualLines {
         output.extend(line.as_bytes());
         output.push(b'\n');
         self.unanswered += 1;
-        self.is_resumed = false;
+        self.resumed = None;
     }
 
     /// Whether one is not answered yet.
@@ -76,12 +76,12 @@ impl ManualLines {
         } else if self.stage == Stage::On {
             self.text = Some(String::new());
         }
-        self.is_resumed = false;
+        self.resumed = None;
     }
 
     /// The operator has pressed cycle start.
     pub fn resume(&mut self) {
-        self.is_resumed = true;
+        self.resumed = Some(0);
     }
 
     /// Takes the state of a report. Returns what the operator is to read.
@@ -102,9 +102,15 @@ impl ManualLines {
                 self.stage = Stage::Asked(reports + 1);
                 None
             }
-            Stage::On if self.is_resumed && self.unanswered == 0 && is_unanswered(state) => {
-                self.stage = Stage::Off;
-                self.text = None;
+            Stage::On if self.unanswered == 0 => {
+                if self.resumed.is_some() && is_unanswered(state) {
+                    self.stage = Stage::Off;
+                    self.text = None;
+                } else if state == "Tool" {
+                    // A machine that moved then has not obeyed.
+                    self.resumed = self.resumed.map(|reports| reports + 1);
+                    self.resumed.take_if(|reports| *reports > REPORTS);
+                }
                 None
             }
             Stage::On | Stage::Off => None,

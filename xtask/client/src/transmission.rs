@@ -98,12 +98,16 @@ pub struct Transmission {
     is_hold_asked: bool,
     /// A note has reported that the machine waits.
     is_wait_reported: bool,
+    /// The machine waits, and not because the operator holds it.
+    is_waiting: bool,
     /// What the operator types during a change of the tool.
     pub manual_lines: ManualLines,
     /// Lines that were answered before a change of the tool in which the operator has set an offset.
     pub measured: Option<usize>,
     /// Somebody can press a key.
     pub has_operator: bool,
+    /// Notes name the keys of [`KEYS`].
+    pub has_keyboard: bool,
     /// A refused line does not end the job.
     ignores_refusals: bool,
     /// The first line of the program that the machine may not have carried out, from 0.
@@ -140,9 +144,11 @@ impl Transmission {
             status: Status::default(),
             is_hold_asked: false,
             is_wait_reported: false,
+            is_waiting: false,
             manual_lines: ManualLines::default(),
             measured: None,
             has_operator: true,
+            has_keyboard: true,
             ignores_refusals,
             undone: first,
             stopped_at: None,
@@ -209,6 +215,8 @@ impl Transmission {
             Line::Report(report) => {
                 self.status.take(report);
                 let note = self.manual_lines.report(&self.status.report.state);
+                let is_of_keys = self.manual_lines.takes_lines();
+                let note = note.filter(|_| self.has_keyboard || !is_of_keys);
                 self.notes.extend(note.map(str::to_owned));
                 self.update_phase();
             }
@@ -221,7 +229,7 @@ impl Transmission {
     /// Takes an answer or a message.
     fn receive_other(&mut self, line: &str) {
         if let Some(note) = self.manual_lines.answer(line) {
-            self.notes.push(note);
+            self.notes.extend(self.has_keyboard.then_some(note));
             return;
         }
         // Lines that a reset has interrupted are answered, too, but have not been carried out.
@@ -286,9 +294,15 @@ impl Transmission {
             Phase::Running if self.status.report.state_name() == "Alarm" => {
                 self.phase = Phase::Failed("the machine is locked".into());
             }
-            Phase::Running if self.status.report.is_held() => self.wait(),
+            Phase::Running if self.status.report.is_held() => {
+                self.is_waiting |= !self.is_hold_asked;
+                self.wait();
+            }
             Phase::Running => {
                 self.is_wait_reported = false;
+                if mem::take(&mut self.is_waiting) {
+                    self.message.clear();
+                }
                 let is_done = self.is_last_sent && self.sender.is_done();
                 if is_done && matches!(self.status.report.state_name(), "Idle" | "Check") {
                     self.phase = Phase::Done;
@@ -308,7 +322,7 @@ impl Transmission {
             self.stop(format!(
                 "the machine waits for its operator ({why}), and nobody is there"
             ));
-        } else if !self.is_wait_reported {
+        } else if self.has_keyboard && !self.is_wait_reported {
             self.is_wait_reported = true;
             let why = if self.is_hold_asked {
                 "is held"
@@ -322,6 +336,18 @@ impl Transmission {
                     .push("t: type lines, to jog and probe with the new tool".into());
             }
         }
+    }
+
+    /// For what the machine waits, unless the operator holds it: its last message, or its state.
+    #[must_use]
+    pub fn waits(&self) -> Option<&str> {
+        let is_running = self.phase == Phase::Running;
+        let message = match Line::read(&self.message) {
+            Line::Message(text) => text,
+            _ if self.message.is_empty() => self.status.report.state_name(),
+            _ => &self.message,
+        };
+        (is_running && self.is_waiting).then_some(message)
     }
 
     fn alarm(&mut self, number: &str) {

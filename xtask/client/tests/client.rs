@@ -391,6 +391,110 @@ fn a_lost_line_ends_the_job_and_answers_nothing() {
 }
 
 #[test]
+fn the_slowest_feed_of_a_held_key_jogs_all_the_same() {
+    for feed in [1.0, 5.0, 10.0] {
+        let mut operated = OperatedMachine::new(&["$110=3000", "$120=500"]);
+        hold_x(&mut operated, 1, feed, 3000);
+        let at_mm = x_mm(&operated);
+        // As far as the feed leads in this time, and a step more.
+        assert!(
+            (0.004..feed / 60.0 * 3.1 + 0.015).contains(&at_mm),
+            "{feed}: {at_mm}"
+        );
+    }
+}
+
+#[test]
+fn the_position_of_homing_is_known_until_an_alarm_a_reset_or_a_new_line() {
+    let mut operated = OperatedMachine::new(&["$22=1", "$20=1", "$110=3000", "$120=500"]);
+    for end in 0..3 {
+        assert_eq!(operated.client.state().homed, None);
+        operated.command(Command::Line {
+            number: 1,
+            text: "$h".into(),
+        });
+        operated.await_state("Home");
+        operated.await_state("Idle");
+        operated.run(200);
+        let homed = operated.client.state().machine.clone();
+        assert_eq!(operated.client.state().homed, Some(homed.clone()));
+        operated.command(Command::Step {
+            by: vec![-5.0],
+            feed: 1500.0,
+        });
+        operated.run(1000);
+        assert_eq!(operated.client.state().homed, Some(homed));
+        match end {
+            0 => {
+                operated.command(Command::Line {
+                    number: 2,
+                    text: "G90G53G0X100".into(),
+                });
+                operated.await_state("Alarm");
+                operated.run(200);
+                assert_eq!(operated.client.state().homed, None);
+                // It asks for that.
+                operated.command(Command::Realtime {
+                    byte: realtime::RESET,
+                });
+            }
+            1 => operated.command(Command::Realtime {
+                byte: realtime::RESET,
+            }),
+            _ => operated.client.lose_line(),
+        }
+        operated.run(1000);
+    }
+}
+
+#[test]
+fn no_answer_of_before_is_given_to_a_line_that_was_not_carried_out() {
+    let mut operated = OperatedMachine::new(&["$110=3000", "$120=500"]);
+    operated.command(Command::Program {
+        name: "part.nc".into(),
+        text: "G1X3F600\nX0\n".repeat(20),
+    });
+    operated.command(start(0));
+    operated.await_state("Run");
+    // The cable is out and in again: the machine goes on with what it has.
+    operated.client.lose_line();
+    operated.run(200);
+    operated.events.clear();
+    operated.command(Command::Line {
+        number: 4,
+        text: "M8".into(),
+    });
+    operated.run(200);
+    let is_refused =
+        |event: &Event| matches!(event, Event::Note { text } if text.contains("come to rest"));
+    assert!(operated.events.iter().any(is_refused));
+    operated.await_state("Idle");
+    assert_eq!(operated.ask("G999").1, "error:20");
+    assert_eq!(operated.ask("M8").1, "ok");
+    assert!(!operated.client.state().accessories.contains('F'));
+    operated.run(1000);
+    assert!(operated.client.state().accessories.contains('F'));
+}
+
+#[test]
+fn answers_behind_an_alarm_are_of_no_line_that_comes_after() {
+    let mut operated = OperatedMachine::new(&["$110=3000", "$120=500"]);
+    operated.command(Command::Program {
+        name: "part.nc".into(),
+        text: "G91G21\nG38.2X5F600\nX1\nX1\nX1\n".into(),
+    });
+    operated.command(start(0));
+    operated.await_state("Run");
+    operated.await_state("Alarm");
+    assert!(job(&operated).outcome.contains("ALARM:5"));
+    // Those of the job are errors.
+    assert_eq!(operated.ask("$X").1, "ok");
+    operated.run(500);
+    assert_eq!(operated.client.state().state, "Idle");
+    assert_eq!(operated.ask("G999").1, "error:20");
+}
+
+#[test]
 fn what_passes_between_page_and_client_is_json() {
     let command = Command::Move {
         press: PRESS,

@@ -273,6 +273,71 @@ fn what_is_not_as_it_should_be_ends_a_cycle_or_does_not_begin_it() {
     assert!(note.contains("has to be idle"), "{note}");
 }
 
+/// A machine amid the first touch of a cycle, with modes of its own.
+fn touching() -> OperatedMachine {
+    let mut operated = operated();
+    operated.ask("G20G90G1F7");
+    operated.run(500);
+    operated.command(Command::Probe {
+        probing: probing(Target::Top),
+    });
+    operated.await_state("Run");
+    operated
+}
+
+#[test]
+fn the_modes_from_before_a_cycle_are_in_force_after_an_alarm_before_any_other_line() {
+    let mut operated = touching();
+    operated.await_state("Jog");
+    // The probe stays closed: the second touch cannot begin.
+    operated.touches = Some(|_| true);
+    operated.await_state("Alarm");
+    assert!(!operated.client.state().is_probing);
+    operated.touches = None;
+    operated
+        .machine
+        .press(simulation::machine::Pin::Probe, false);
+    operated.events.clear();
+    for (number, text) in [(1, "$X"), (2, "X0.1")] {
+        operated.command(Command::Line {
+            number,
+            text: text.into(),
+        });
+    }
+    operated.run(3000);
+    // An inch is an inch, and absolute.
+    assert!(
+        (operated.place_mm()[0] - 2.54).abs() < 0.005,
+        "{:?}",
+        operated.place_mm()
+    );
+    let modes = &operated.client.state().modes;
+    for word in ["G20", "G90", "G1", "F178"] {
+        assert!(modes.contains(&word.to_owned()), "{word} {modes:?}");
+    }
+}
+
+#[test]
+fn a_cycle_that_a_reset_or_a_lost_line_ends_has_the_modes_in_force_told() {
+    let mut operated = touching();
+    operated.command(Command::Realtime { byte: 0x18 });
+    operated.await_state("Alarm");
+    operated.run(1000);
+    let text = note(&operated);
+    assert!(
+        text.starts_with("the probing cycle did not come to its end: in force is G0 G54"),
+        "{text}"
+    );
+    let mut operated = touching();
+    operated.client.lose_line();
+    operated.run(8000);
+    let text = note(&operated);
+    assert!(
+        text.starts_with("the probing cycle did not come to its end: in force is G38.3"),
+        "{text}"
+    );
+}
+
 #[test]
 fn a_turning_spindle_is_probed_with_by_nobody() {
     let mut operated = operated();

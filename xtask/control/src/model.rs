@@ -85,16 +85,12 @@ pub struct Model {
     pub shows_reports: bool,
     /// What the operator is to read now.
     pub note: String,
-    /// The machine position at the switches, in the unit of the reports, since the machine was homed.
-    pub homed: Option<Vec<f64>>,
     /// What the machine has answered to questions such as `$#`, by the question.
     pub answers: BTreeMap<String, Rc<Vec<String>>>,
     /// The settings, as they are written, as far as they are known.
     pub settings: BTreeMap<u16, String>,
     /// Lines that are not answered, by their numbers.
     pub(crate) unanswered: BTreeMap<u32, String>,
-    /// Homing has ended, and its position is not reported yet.
-    pub(crate) has_homed: bool,
     pub(crate) entries: u64,
 }
 
@@ -153,14 +149,19 @@ impl Model {
         self.is_there()
             && !self.is_watching()
             && matches!(self.state_name(), "Idle" | "Tool" | "Check")
-            && (!self.is_job_running() || self.state_name() == "Tool")
+            && (!self.is_job_running() || self.takes_lines_amid_job())
+    }
+
+    /// Whether a job is in a change of the tool in which the machine takes lines.
+    fn takes_lines_amid_job(&self) -> bool {
+        self.machine.job.as_ref().is_some_and(|job| job.takes_lines)
     }
 
     /// Whether the machine may be jogged.
     pub fn may_jog(&self) -> bool {
         self.is_there()
             && !self.is_watching()
-            && !self.is_job_running()
+            && (!self.is_job_running() || self.takes_lines_amid_job())
             && matches!(self.state_name(), "Idle" | "Jog" | "Tool")
     }
 
@@ -197,8 +198,8 @@ impl Model {
                 }
                 self.connection = Connection::Closed(reason);
                 self.machine.is_there = false;
+                self.machine.homed = None;
                 self.unanswered.clear();
-                self.forget_homing();
             }
             Reply::Control(control) => self.control = Some(control),
             Reply::Events(events) => {
@@ -211,7 +212,7 @@ impl Model {
 
     fn event(&mut self, event: Event, time_ms: u32) {
         match event {
-            Event::State(state) => self.take_state(*state),
+            Event::State(state) => self.machine = *state,
             Event::Line { is_sent, text } => self.take_line(is_sent, text, time_ms),
             Event::Answer {
                 number,
@@ -225,18 +226,6 @@ impl Model {
         }
     }
 
-    fn take_state(&mut self, state: State) {
-        self.machine = state;
-        match self.state_name() {
-            "Alarm" => self.forget_homing(),
-            "Idle" if self.has_homed => {
-                self.has_homed = false;
-                self.homed = Some(self.machine.machine.clone());
-            }
-            _ => {}
-        }
-    }
-
     fn take_line(&mut self, is_sent: bool, text: String, time_ms: u32) {
         let source = if is_sent {
             LineSource::Operator
@@ -245,10 +234,6 @@ impl Model {
         };
         let is_report = match Line::read(&text) {
             Line::Report(_) => true,
-            Line::Welcome if !is_sent => {
-                self.forget_homing();
-                false
-            }
             Line::Setting(number, value) if !is_sent => {
                 self.take_setting(number, value);
                 false
@@ -275,19 +260,11 @@ impl Model {
             self.note = format!("{text}: error {error}{meaning}");
         } else if response != "ok" {
             // The machine was reset.
-        } else if text.eq_ignore_ascii_case("$H") {
-            self.has_homed = true;
         } else if let Line::Setting(number, value) = Line::read(&text) {
             self.take_setting(number, value);
         } else if QUESTIONS.contains(&text.as_str()) {
             self.answers.insert(text, Rc::new(lines));
         }
-    }
-
-    /// The position may be another one than that of homing.
-    fn forget_homing(&mut self) {
-        self.homed = None;
-        self.has_homed = false;
     }
 
     fn push(&mut self, time_ms: u32, source: LineSource, text: String) {
@@ -306,6 +283,8 @@ impl Model {
 
 #[cfg(test)]
 mod tests {
+    use grbl_client::client::JobState;
+
     use super::*;
 
     fn after(events: Vec<Event>) -> Model {
@@ -342,14 +321,19 @@ mod tests {
     }
 
     #[test]
-    fn the_position_of_homing_is_known_until_an_alarm_or_a_reset() {
-        let homed = vec![state("Home", -3.0), answer(1, "ok"), state("Idle", -1.0)];
-        assert_eq!(after(homed.clone()).homed, Some(vec![0.0, 0.0, -1.0]));
-        for end in [state("Alarm", -1.0), line("Grbl 1.1h ['$' for help]")] {
-            let events = [homed.clone(), vec![end]].concat();
-            assert_eq!(after(events).homed, None);
+    fn amid_a_job_lines_and_jogs_are_taken_where_the_machine_takes_them() {
+        let mut model = after(vec![state("Tool", 0.0)]);
+        for takes_lines in [false, true] {
+            model.machine.job = Some(JobState {
+                is_running: true,
+                takes_lines,
+                ..JobState::default()
+            });
+            assert_eq!(
+                (model.takes_lines(), model.may_jog()),
+                (takes_lines, takes_lines)
+            );
         }
-        assert_eq!(after(vec![answer(1, ""), state("Idle", -1.0)]).homed, None);
     }
 
     #[test]

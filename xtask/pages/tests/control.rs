@@ -258,6 +258,9 @@ fn serve(stream: &mut TcpStream, report: &[u8], until: &[u8]) -> Vec<u8> {
         if byte == *b"?" {
             let _ = stream.write_all(report);
         }
+        if received.ends_with(b"$G\n") {
+            let _ = stream.write_all(b"[GC:G0 G54]\r\n");
+        }
         if received.ends_with(b"$$\n") || received.ends_with(b"$G\n") {
             let _ = stream.write_all(b"ok\r\n");
         }

@@ -1,13 +1,10 @@
 //! The client's part in a probing cycle: one line after the other, each from rest.
 
 use super::{
-    Client, Event, Origin,
+    Client, Event, Origin, QueuedLine, REST_REPORTS,
     probing::{Cycle, Next, Probing},
 };
 use crate::{Line, numbers};
-
-/// Reports after the last answer, of which the second one is of a machine that has come to rest.
-const REPORTS: u32 = 2;
 
 /// A cycle, and the client's part in it.
 #[derive(Debug)]
@@ -15,8 +12,6 @@ pub(super) struct ProbingCycle {
     cycle: Cycle,
     /// What has come of the last line.
     contact: Option<(Vec<f64>, bool)>,
-    /// Reports since.
-    pub(super) reports: u32,
     /// The words that were in force before, once they are known.
     modes: Option<String>,
 }
@@ -25,7 +20,7 @@ impl Client {
     /// Begins a cycle, where the machine is idle and the probe open.
     pub(super) fn probe(&mut self, probing: Probing) {
         let report = &self.status.report;
-        let fault = if !self.is_free() {
+        let fault = if !self.is_ready() || !self.is_free() {
             Some("a probing cycle begins at rest alone: the machine has to be idle".into())
         } else if self.in_flight.iter().any(|asked| asked.text == "$$") || !self.are_settings_known
         {
@@ -45,7 +40,6 @@ impl Client {
                 self.cycle = Some(ProbingCycle {
                     cycle: Cycle::new(probing, start),
                     contact: None,
-                    reports: REPORTS,
                     modes: None,
                 });
                 self.ask(Origin::Own, "$G".into());
@@ -58,50 +52,40 @@ impl Client {
 
     /// Goes on with the cycle, where the machine has come to rest.
     pub(super) fn probe_on(&mut self) {
-        let is_idle = self.status.report.state_name() == "Idle";
-        let is_alarm = self.status.report.state_name() == "Alarm";
-        if self.cycle.is_some() && is_alarm {
-            self.end_cycle("the machine is in alarm, and the probing cycle has ended");
-        }
-        if !is_idle || !self.is_answered() {
+        if !self.is_ready() || !self.is_answered() || self.reports < REST_REPORTS {
             return;
         }
         let at = self.position_mm().filter(|it| it.len() >= LINEAR_AXES);
         let Some(at) = at else { return };
         let scale = self.mm_per_unit();
-        let Some(cycle) = self.cycle.as_mut().filter(|cycle| cycle.reports >= REPORTS) else {
+        let Some(cycle) = self.cycle.as_mut() else {
             return;
         };
-        cycle.reports = 0;
         let contact = cycle.contact.take();
         let next = cycle.cycle.next(&at, contact);
-        let modes = cycle
+        cycle
             .modes
             .get_or_insert_with(|| restored(&self.state.modes, scale));
-        let modes = modes.clone();
         match next {
             Next::Line(line) => self.ask(Origin::Cycle, line),
-            Next::Done(line, text) => self.finish_cycle(&text, [line, modes]),
+            Next::Done(line, text) => self.finish_cycle(&text, line),
             Next::Reference(line, text, contact_mm) => {
                 self.state.reference_mm = Some(contact_mm);
-                self.finish_cycle(&text, [line, modes]);
+                self.finish_cycle(&text, line);
             }
-            Next::Failed(text) => {
-                self.end_cycle(&text);
-                self.ask(Origin::Page(None), modes);
-            }
+            Next::Failed(text) => self.end_cycle(&text),
         }
     }
 
-    fn finish_cycle(&mut self, text: &str, lines: [String; 2]) {
+    fn finish_cycle(&mut self, text: &str, line: String) {
         self.end_cycle(text);
-        for line in lines {
-            self.ask(Origin::Page(None), line);
-        }
+        self.send_line(QueuedLine::new(Origin::Page(None), line));
     }
 
+    /// Ends the cycle for a reason. The modes from before are restored when the machine is at rest.
     pub(super) fn end_cycle(&mut self, text: &str) {
-        if self.cycle.take().is_some() {
+        if let Some(cycle) = self.cycle.take() {
+            self.restores = cycle.modes;
             self.note(Event::Note { text: text.into() });
         }
     }
@@ -110,14 +94,11 @@ impl Client {
     pub(super) fn take_contact(&mut self, lines: &[String], response: &str) {
         let scale = self.mm_per_unit();
         let Some(cycle) = &mut self.cycle else { return };
-        cycle.reports = 0;
         cycle.contact = lines.iter().rev().find_map(|line| contact(line, scale));
         if response != "ok" {
-            let modes = cycle.modes.clone().unwrap_or_default();
             self.end_cycle(&format!(
                 "the machine refuses a line of the cycle: {response}"
             ));
-            self.ask(Origin::Page(None), modes);
         }
     }
 
@@ -147,7 +128,7 @@ impl Client {
 }
 
 /// X, Y and Z.
-const LINEAR_AXES: usize = 3;
+pub(super) const LINEAR_AXES: usize = 3;
 const MM_PER_INCH: f64 = 25.4;
 /// The setting of reports in inches.
 const REPORTS_INCHES: u16 = 13;

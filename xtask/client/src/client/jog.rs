@@ -11,6 +11,8 @@ const BLOCK_S: f64 = 0.05;
 const LOOKAHEAD_S: f64 = 0.1;
 /// The acceleration of a machine that has not told it, mm/s².
 const ACCELERATION: f64 = 250.0;
+/// The least length of one of them, mm, however slow it is.
+const SHORTEST_MM: f64 = 0.01;
 /// What is left before the end of the travel is not moved, mm.
 const LEAST_MM: f64 = 0.01;
 
@@ -38,7 +40,7 @@ pub(super) fn line(by: &[f64], feed: f64) -> String {
         // Writing to a string never fails.
         let _ = write!(line, "{}{by:.3}", char::from(letter));
     }
-    let _ = write!(line, "F{feed:.0}");
+    let _ = write!(line, "F{:.0}", feed.max(1.0));
     line
 }
 
@@ -56,7 +58,7 @@ impl Jog {
         let rates = used.filter_map(|(_, rate)| Some(rate.as_ref()? / share));
         let feed = rates.fold(asked_feed, f64::min);
         Self {
-            block_mm: feed / 60.0 * BLOCK_S,
+            block_mm: (feed / 60.0 * BLOCK_S).max(SHORTEST_MM),
             along,
             feed,
             share,

@@ -9,8 +9,12 @@ use std::{collections::VecDeque, fmt::Write as _};
 use leadscrew::axis::{LETTERS, X, Y, Z};
 use serde::{Deserialize, Serialize};
 
+use super::{cycle::LINEAR_AXES, jog};
+
 /// How fast the second touch is, of the first one's feed.
 const SLOWLY: f64 = 0.1;
+/// How far from where it should be the machine may come to rest, mm.
+const ARRIVED_MM: f64 = 0.1;
 /// How much farther than back to the first contact the second touch goes, mm.
 const BEYOND_MM: f64 = 1.0;
 
@@ -96,8 +100,8 @@ enum Sent {
     /// The first touch and the second, along an axis in a direction.
     First(usize, f64),
     Second(usize, f64),
-    /// Something that probes nothing.
-    Back,
+    /// A jog along an axis to a machine position.
+    Back(usize, f64),
 }
 
 /// A cycle under way.
@@ -267,10 +271,13 @@ impl Cycle {
         let back = |axis: usize, direction: f64, contact: &[f64]| {
             let beyond = (at[axis] - contact[axis]).abs();
             let by = -direction * (room(axis, contact) + beyond);
-            line("G91G21G94G1", axis, by, feed)
+            Self::back(axis, by, at, feed)
         };
         match (self.sent.take(), touched) {
-            (None | Some(Sent::Back), _) | (Some(Sent::Guarded), None) => Ok(()),
+            (Some(Sent::Back(axis, target)), _) if (at[axis] - target).abs() > ARRIVED_MM => {
+                Err("the machine did not move back as far as it should".into())
+            }
+            (None | Some(Sent::Back(..)), _) | (Some(Sent::Guarded), None) => Ok(()),
             (Some(Sent::Guarded), Some(_)) => {
                 Err("the probe has touched something on its way".into())
             }
@@ -282,14 +289,13 @@ impl Cycle {
                 let again = direction * (room(axis, &contact) + BEYOND_MM);
                 let again = line("G91G21G94G38.3", axis, again, feed * SLOWLY);
                 self.lines.extend([
-                    (Sent::Back, back(axis, direction, &contact)),
+                    back(axis, direction, &contact),
                     (Sent::Second(axis, direction), again),
                 ]);
                 Ok(())
             }
             (Some(Sent::Second(axis, direction)), Some((contact, _))) => {
-                self.lines
-                    .push_back((Sent::Back, back(axis, direction, &contact)));
+                self.lines.push_back(back(axis, direction, &contact));
                 self.contacts[axis].push(contact[axis]);
                 Ok(())
             }
@@ -318,14 +324,18 @@ impl Cycle {
         }
         // Up and away nothing is in the way, and the probe may still be closed.
         let is_up = axis == Z && by > 0.0;
-        let sent = if is_up { Sent::Back } else { Sent::Guarded };
-        let codes = if is_up {
-            "G91G21G94G1"
+        self.lines.push_back(if is_up {
+            Self::back(axis, by, at, feed)
         } else {
-            "G91G21G94G38.3"
-        };
-        let line = line(codes, axis, by, feed);
-        self.lines.push_back((sent, line));
+            (Sent::Guarded, line("G91G21G94G38.3", axis, by, feed))
+        });
+    }
+
+    /// A jog from a place along an axis, which a change of the tool allows as well.
+    fn back(axis: usize, by: f64, at: &[f64], feed: f64) -> (Sent, String) {
+        let mut distances = [0.0; LINEAR_AXES];
+        distances[axis] = by;
+        (Sent::Back(axis, at[axis] + by), jog::line(&distances, feed))
     }
 
     /// The line that sets what was found, with the machine at rest.

@@ -54,15 +54,25 @@ pub enum Command {
         #[serde(default)]
         approach: Vec<String>,
     },
-    /// Ends a job or a probing cycle: a hold, and a reset at rest.
+    /// Ends a job or a probing cycle: a hold, and a reset at rest. Amid a job a probing cycle is held alone.
     Stop,
-    /// Has the machine take lines in a change of the tool.
+    /// Has the machine take lines in a change of the tool: jogs and probing, until cycle start.
     TakeLines,
     /// Begins a probing cycle.
     Probe {
         /// What, and how.
         probing: Probing,
     },
+}
+
+impl Command {
+    /// Whether it is a line, or what becomes lines.
+    pub(super) fn may_move(&self) -> bool {
+        matches!(
+            self,
+            Self::Line { .. } | Self::Step { .. } | Self::Move { .. } | Self::Probe { .. }
+        )
+    }
 }
 
 /// What a page is shown.
@@ -127,6 +137,8 @@ pub struct State {
     pub is_probing: bool,
     /// Where the reference tool has made contact, as machine position Z, mm, once it was measured.
     pub reference_mm: Option<f64>,
+    /// The machine position at the switches, in the unit of reports, since the machine was homed by this client.
+    pub homed: Option<Vec<f64>>,
     /// The program, and how far the job is.
     pub job: Option<JobState>,
 }
@@ -146,6 +158,12 @@ pub struct JobState {
     pub executed: usize,
     /// Whether it has begun and not ended.
     pub is_running: bool,
+    /// The machine stands still amid it: in a hold, a pause, behind the door or in a change of the tool.
+    pub is_held: bool,
+    /// For what it waits, unless the operator holds it: the machine's last message.
+    pub waits: Option<String>,
+    /// Lines, jogs and probing are taken now, in a change of the tool.
+    pub takes_lines: bool,
     /// How it has ended, or why it is being stopped; nothing before.
     pub outcome: String,
 }

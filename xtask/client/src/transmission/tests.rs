@@ -112,15 +112,17 @@ fn a_pause_waits_for_the_operator_and_ends_the_job_where_there_is_none() {
             "t: type lines, to jog and probe with the new tool"
         ]
     );
+    assert_eq!(job.waits(), Some("Tool change: T1"));
     job.press(Key::Resume);
     assert_eq!(sent(&mut job), "~");
     receive(&mut job, &[RUN]);
+    assert_eq!(job.waits(), None);
     job.has_operator = false;
-    receive(&mut job, &[HELD]);
+    receive(&mut job, &["[MSG:Tool change: T2]", HELD]);
     let Phase::Stopping(reason) = &job.phase else {
         panic!("{:?}", job.phase);
     };
-    assert!(reason.contains("Tool change: T1"), "{reason}");
+    assert!(reason.contains("Tool change: T2"), "{reason}");
 }
 
 #[test]

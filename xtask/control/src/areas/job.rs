@@ -66,6 +66,38 @@ fn progress(job: &JobState) -> (f64, String) {
     (part, words)
 }
 
+/// For what the machine stands still amid a job, in words.
+fn standstill(job: &JobState) -> Option<String> {
+    if job.takes_lines {
+        return Some("Jogs, probing and lines are taken now. Resume goes on with the job.".into());
+    }
+    let Some(waits) = job.waits.as_deref() else {
+        let held = "Held. Resume goes on, Stop ends the job.";
+        return job.is_held.then(|| held.into());
+    };
+    Some(match waits {
+        "Hold" => "The program pauses. Resume goes on.".into(),
+        "Door" => "The safety door is or was open. Close it, then resume.".into(),
+        "Spindle is off" => "The spindle is off. Resume goes on all the same.".into(),
+        _ if is_tool_change(waits) => format!("{waits}. Put the tool in, then resume."),
+        _ => format!("{waits}. Resume goes on."),
+    })
+}
+
+/// Whether a machine waits for a tool.
+fn is_tool_change(waits: &str) -> bool {
+    waits == "Tool" || waits.to_ascii_lowercase().contains("tool change")
+}
+
+/// Whether the machine can be asked for lines amid a job.
+fn may_take_lines(model: &Model) -> bool {
+    let job = model.machine.job.as_ref();
+    let waits = job
+        .filter(|job| !job.takes_lines)
+        .and_then(|job| job.waits.as_deref());
+    waits.is_some_and(is_tool_change) && !model.is_watching()
+}
+
 /// The job of the program.
 #[component]
 pub fn Job() -> Html {
@@ -87,16 +119,19 @@ pub fn Job() -> Html {
             }
         })
     };
-    let stop = {
+    let command = |command: Command| {
         let context = context.clone();
-        Callback::from(move |_: MouseEvent| context.send(Command::Stop))
+        Callback::from(move |_: MouseEvent| context.send(command.clone()))
     };
     html! {
         <>
             if let Some(job) = job { { shown(job) } }
             <button id="run" type="button" class="main" disabled={obstacle.is_some() || is_running}
                 onclick={start}>{ start_words(model) }</button>
-            <button id="stop" type="button" disabled={!is_running} onclick={stop}>{ "Stop" }</button>
+            if may_take_lines(model) {
+                <button id="take-lines" type="button" onclick={command(Command::TakeLines)}>{ "Jog and probe" }</button>
+            }
+            <button id="stop" type="button" disabled={!is_running} onclick={command(Command::Stop)}>{ "Stop" }</button>
             if !is_running {
                 <p class="hint">{ obstacle.map_or_else(|| spindle_words(model), Into::into) }</p>
             }
@@ -112,6 +147,9 @@ fn shown(job: &JobState) -> Html {
             <strong>{ &job.name }</strong>
             <progress max="1" value={part.to_string()} aria-label="Progress"></progress>
             <p id="job" role="status">{ words }</p>
+            if let Some(words) = standstill(job) {
+                <p id="waits" role="status">{ words }</p>
+            }
         </div>
     }
 }
@@ -148,6 +186,9 @@ mod tests {
             answered: executed,
             executed,
             is_running,
+            is_held: false,
+            waits: None,
+            takes_lines: false,
             outcome: outcome.into(),
         }
     }
@@ -164,6 +205,44 @@ mod tests {
         assert!(obstacle(&model).is_some_and(|text| text.contains("unlock")));
         model.machine.state = "Idle".into();
         assert_eq!(obstacle(&model), None);
+    }
+
+    #[test]
+    fn a_job_that_stands_still_says_for_what_and_offers_lines_in_a_change_of_the_tool_alone() {
+        let mut model = Model::default();
+        let mut shown = |waits: Option<&str>, takes_lines| {
+            let job = JobState {
+                is_held: true,
+                waits: waits.map(str::to_owned),
+                takes_lines,
+                ..job(0, true, "")
+            };
+            model.machine.job = Some(job.clone());
+            (standstill(&job).unwrap(), may_take_lines(&model))
+        };
+        for (waits, takes_lines, words, is_offered) in [
+            (
+                Some("Tool change: T2"),
+                false,
+                "Tool change: T2. Put the tool in",
+                true,
+            ),
+            (
+                Some("Tool change: T2"),
+                true,
+                "Jogs, probing and lines are taken",
+                false,
+            ),
+            (Some("Tool"), false, "Tool. Put the tool in", true),
+            (Some("Hold"), false, "The program pauses", false),
+            (Some("Turn it over"), false, "Turn it over. Resume", false),
+            (None, false, "Held.", false),
+        ] {
+            let (text, offered) = shown(waits, takes_lines);
+            assert!(text.starts_with(words), "{text}");
+            assert_eq!(offered, is_offered, "{text}");
+        }
+        assert_eq!(standstill(&job(2, true, "")), None);
     }
 
     #[test]

@@ -34,7 +34,7 @@ fn lines_to_zero(model: &Model) -> Vec<String> {
         FEED
     };
     let mut lines = Vec::new();
-    let height = model.homed.as_ref().and_then(|homed| homed.get(2));
+    let height = model.machine.homed.as_ref().and_then(|homed| homed.get(2));
     if let (Some(top), Some(now)) = (height, model.machine.machine.get(2))
         && top > now
     {
@@ -120,8 +120,11 @@ fn GoToZero() -> Html {
         })
     };
     let begin = {
-        let (is_homed, is_asked, go) =
-            (context.model.homed.is_some(), is_asked.clone(), go.clone());
+        let (is_homed, is_asked, go) = (
+            context.model.machine.homed.is_some(),
+            is_asked.clone(),
+            go.clone(),
+        );
         Callback::from(move |event: MouseEvent| {
             if is_homed {
                 go.emit(event);
@@ -152,10 +155,8 @@ mod tests {
     use super::*;
 
     fn at(z_mm: f64, homed: Option<f64>) -> Model {
-        let mut model = Model {
-            homed: homed.map(|z_mm| vec![-1.0, -1.0, z_mm]),
-            ..Model::default()
-        };
+        let mut model = Model::default();
+        model.machine.homed = homed.map(|z_mm| vec![-1.0, -1.0, z_mm]);
         model.machine.machine = vec![5.0, 6.0, z_mm];
         model
     }
