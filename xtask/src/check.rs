@@ -199,12 +199,19 @@ fn make((index, check): (usize, Check)) -> (usize, Outcome) {
     ui::status("Checking", &format!("{}: {}", index + 1, check.name));
     let start = Instant::now();
     let result = (check.run)();
+    let took = start.elapsed();
     if let Err(error) = &result {
         ui::error(error);
     }
+    // Where a run is cut off, what it has made is known.
+    let seconds = took.as_secs_f32();
+    ui::status(
+        "Checked",
+        &format!("{}: {} ({seconds:.0} s)", index + 1, check.name),
+    );
     let outcome = Outcome {
         name: check.name,
-        took: start.elapsed(),
+        took,
         result,
     };
     (index, outcome)

@@ -9,6 +9,7 @@ use std::{
     io::{BufReader, IsTerminal as _, Write as _},
     path::{Path, PathBuf},
     process::{Command, ExitCode, Stdio},
+    sync::{Mutex, PoisonError},
 };
 
 use anstream::stderr;
@@ -121,6 +122,14 @@ impl Tool {
     /// The number of axes that it is compiled for when a number is asked for.
     fn axes(self, asked: u8) -> u8 {
         if self.has_axes { asked } else { 3 }
+    }
+
+    /// Where, in a folder of Cargo's, what is compiled for its target lies.
+    fn of_target(self, folder: PathBuf) -> PathBuf {
+        match self.target {
+            Some(target) => folder.join(target),
+            None => folder,
+        }
     }
 
     fn file_name(self) -> String {
@@ -299,23 +308,31 @@ fn tool_path(here: &Path, tool: Tool, axes: u8, clock_mhz: u32) -> PathBuf {
         }
     }
     let folder = tool.folder(folder.to_owned(), axes, clock_mhz);
-    let profile = profile.file_name().unwrap_or_default();
-    folder.join(profile).join(tool.file_name())
+    let profile = match tool.profile {
+        PROFILE => profile.file_name().unwrap_or_default(),
+        own => own.as_ref(),
+    };
+    tool.of_target(folder).join(profile).join(tool.file_name())
 }
+
+/// What this program has had Cargo bring up to date, with the folders: that is done once, for Cargo waits for every
+/// other build.
+static BUILT: Mutex<Vec<(Tool, PathBuf)>> = Mutex::new(Vec::new());
 
 /// Has Cargo bring a tool up to date, and shows what Cargo does if that is more than nothing.
 fn build(tool: Tool, axes: u8) -> Result<PathBuf> {
     let clock_mhz = cargo::clock_mhz();
     let folder = tool.folder(cargo::top_target_dir(), axes, clock_mhz);
     let (axes, clock_mhz) = (tool.axes(axes), tool.clock_mhz(clock_mhz));
-    let built = tool
-        .target
-        .map_or(folder.clone(), |target| folder.join(target));
     let profile = match tool.profile {
         PROFILE => "debug",
         own => own,
     };
-    let path = built.join(profile).join(tool.file_name());
+    let path = { tool.of_target(folder.clone()).join(profile) }.join(tool.file_name());
+    let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
+    if built.contains(&(tool, folder.clone())) {
+        return Ok(path);
+    }
     let mut command = cargo::cargo(&[
         "build",
         "--profile",
@@ -355,6 +372,7 @@ fn build(tool: Tool, axes: u8) -> Result<PathBuf> {
     };
     let is_built = show(&mut command, &what)?;
     ensure!(is_built, "{} cannot be compiled", tool.name);
+    built.push((tool, folder));
     Ok(path)
 }
 
@@ -375,24 +393,30 @@ pub fn wasm() -> Result<PathBuf> {
     Ok(build(tool, cargo::axes())?.with_file_name("pages.wasm"))
 }
 
+/// What the control page runs.
+const CONTROL: Tool = Tool {
+    profile: "control",
+    ..for_browsers("control", "the control page", "two minutes")
+};
+
 /// Builds the control page's code: WebAssembly, and the script that loads it.
 pub fn control() -> Result<[PathBuf; 2]> {
     const GLUE: Tool = Tool {
         has_commands: true,
         ..Tool::new("glue", "what binds scripts to WebAssembly", "half a minute").for_any_axes()
     };
-    let tool = Tool {
-        profile: "control",
-        ..for_browsers("control", "the control page", "two minutes")
-    };
+    let files = |folder: &Path| ["control_bg.wasm", "control.js"].map(|file| folder.join(file));
+    if env::var_os("CARGO").is_none() {
+        return Ok(files(&built(CONTROL, cargo::axes())?));
+    }
     cargo::need_target_named(WASM)?;
-    let wasm = build(tool, cargo::axes())?.with_file_name("control.wasm");
-    let folder = wasm.with_file_name("control");
+    let folder = build(CONTROL, cargo::axes())?;
+    let wasm = folder.with_file_name("control.wasm");
     let mut glue = command(GLUE)?;
     let status = glue.arg(&wasm).arg(&folder).status();
     let status = status.with_context(|| format!("cannot start {}", GLUE.name))?;
     ensure!(status.success(), "{} has failed ({status})", GLUE.name);
-    Ok(["control_bg.wasm", "control.js"].map(|file| folder.join(file)))
+    Ok(files(&folder))
 }
 
 const fn for_browsers(package: &'static str, name: &'static str, takes: &'static str) -> Tool {
@@ -533,6 +557,13 @@ mod tests {
                 "target/debug/schedule",
             ),
             ("/home/me/bin/xtask", SIM, 3, 168, "/home/me/bin/sim"),
+            (
+                "target/debug/monitor",
+                CONTROL,
+                3,
+                168,
+                "target/wasm32-unknown-unknown/control/control",
+            ),
         ] {
             let there = format!("{there}{}", env::consts::EXE_SUFFIX);
             assert_eq!(

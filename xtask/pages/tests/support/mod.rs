@@ -4,12 +4,23 @@ use std::{
     io::{BufRead as _, BufReader, Read as _},
     path::Path,
     process::{Child, ChildStderr, Command, Stdio},
+    sync::OnceLock,
 };
 
+use common::tools;
 use rustix::process::{Pid, Signal};
 
 fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+}
+
+/// Compiles what the monitor needs, once: the monitors would wait for other builds of Cargo one after the other.
+fn build(arguments: &[&str]) {
+    static PAGE: OnceLock<()> = OnceLock::new();
+    tools::command(tools::SIM).unwrap();
+    if arguments.contains(&"--control") {
+        PAGE.get_or_init(|| drop(tools::control().unwrap()));
+    }
 }
 
 /// The monitor, and what it says.
@@ -21,7 +32,9 @@ pub(crate) struct Monitor {
 
 impl Monitor {
     pub(crate) fn start(arguments: &[&str]) -> Self {
+        build(arguments);
         let mut process = Command::new(env!("CARGO_BIN_EXE_monitor"))
+            .env_remove("CARGO")
             .arg("monitor")
             .args(arguments)
             .current_dir(root())
