@@ -11,3 +11,4 @@ pub mod settings;
 pub mod setup;
 pub mod state;
 pub mod tables;
+pub mod view;

@@ -66,11 +66,18 @@ pub fn write(code: &Code) -> String {
 /// A file that is served: its path, its type and its content.
 pub type File = (&'static str, &'static str, Vec<u8>);
 
+/// What becomes the page of a job within the served page: in a sandbox, in which alone scripts may stand in a page.
+pub const VIEW: &str = "/view.html";
+/// What a browser may do with it, wherever it is opened: it is nobody's page, and asks nobody for anything.
+pub const VIEW_POLICY: &str = "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; \
+    style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'";
+
 /// The files of the page that the local program serves, which has the machine. Nothing in it is inline, so that a
 /// browser can be told to run files of the server alone.
 pub fn served(code: Code) -> Vec<File> {
     const SERVED: &str = include_str!("control/served.html");
     const SCRIPT: &str = include_str!("control/served.js");
+    const SHELL: &str = include_str!("control/view.html");
     const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
     vec![
         ("/", "text/html; charset=utf-8", SERVED.into()),
@@ -82,6 +89,7 @@ pub fn served(code: Code) -> Vec<File> {
         ("/glue.js", JAVASCRIPT, code.glue.into()),
         ("/page.js", JAVASCRIPT, SCRIPT.into()),
         ("/page.wasm", "application/wasm", code.wasm),
+        (VIEW, "text/html; charset=utf-8", SHELL.into()),
     ]
 }
 

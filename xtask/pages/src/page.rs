@@ -11,7 +11,7 @@ const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 
 const FRAME: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
 /// In the order in which they need each other.
-const SCRIPTS: [&str; 8] = [
+const SCRIPTS: [&str; 9] = [
     include_str!("page/decode.js"),
     include_str!("page/path.js"),
     include_str!("page/scene.js"),
@@ -20,9 +20,10 @@ const SCRIPTS: [&str; 8] = [
     include_str!("page/search.js"),
     include_str!("page/tables.js"),
     include_str!("page/view.js"),
+    include_str!("page/machine.js"),
 ];
-/// Begins a page that has its job in it.
-const START: &str = include_str!("page/start.js");
+/// Begins a page that has its job in it, alone or as a part of another one.
+const START: [&str; 2] = [include_str!("page/frame.js"), include_str!("page/start.js")];
 
 /// Returns the page of a job.
 pub fn write(job: &Job) -> String {
@@ -38,9 +39,10 @@ pub fn write(job: &Job) -> String {
         format!("<script type=\"text/plain\" id=\"pack-{name}\">{text}</script>\n")
     });
     let script = format!(
-        "{}<script type=\"module\">\n{}{START}</script>",
+        "{}<script type=\"module\">\n{}{}</script>",
         packs.concat(),
-        SCRIPTS.concat()
+        SCRIPTS.concat(),
+        START.concat()
     );
     let parts = [
         ("TITLE", escaped(&job.title)),

@@ -137,7 +137,7 @@ const UPGRADE: &str = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocke
 const HUGE: &str = "Content-Length: 137438953472";
 
 /// Requests that no page of the server sends, and the status of the answer; the last one is a page's.
-const ATTACKS: [(&str, &[&str], &str); 21] = [
+const ATTACKS: [(&str, &[&str], &str); 22] = [
     ("POST /", &[HOST, COOKIE, HUGE], "405"),
     ("POST /socket", &[HOST, COOKIE, "Content-Length: 2"], "405"),
     ("GET /", &[HOST, COOKIE, HUGE], "413"),
@@ -147,6 +147,7 @@ const ATTACKS: [(&str, &[&str], &str); 21] = [
         "413",
     ),
     ("GET /", &[HOST], "403"),
+    ("GET /view.html", &[HOST], "403"),
     (
         "GET /?token=0123456789abcdef0123456789abcdef",
         &[HOST],
@@ -189,6 +190,32 @@ fn check_attack(known: &Known, (request, fields, status): (&str, &[&str], &str))
     let answer = send(address, &request);
     let expected = format!("HTTP/1.1 {status}");
     assert!(answer.starts_with(&expected), "{request:?}: {answer}");
+}
+
+/// What a browser is told that it may do with a file.
+fn policy(known: &Known, path: &str) -> String {
+    let Known { address, cookie } = known;
+    let answer = send(
+        address,
+        &format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nCookie: {cookie}\r\n\r\n"),
+    );
+    let (_, policy) = answer.split_once("Content-Security-Policy: ").unwrap();
+    policy.split_once("\r\n").unwrap().0.to_owned()
+}
+
+#[test]
+fn only_the_view_runs_scripts_of_a_page_and_it_is_nobodys_page() {
+    let (_monitor, known) = simulated(&[]);
+    let page = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src data:; \
+        connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+    for path in ["/", "/page.css", "/glue.js", "/page.js", "/page.wasm"] {
+        assert_eq!(policy(&known, path), page, "{path}");
+    }
+    assert_eq!(
+        policy(&known, "/view.html"),
+        "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; \
+         img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+    );
 }
 
 /// What a page sends that is none, each over a WebSocket of its own: frames as bytes.

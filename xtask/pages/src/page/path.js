@@ -4,6 +4,10 @@ const KIND = { STANDSTILL: 0, RAPID: 1, FEED: 2 };
 const KIND_NAMES = ['standing still', 'rapid', 'feed', 'jog', 'probing', 'homing', 'parking'];
 // A rotary axis that turns farther in a piece would be drawn as a chord.
 const CHORD_DEGREES = 4;
+// A machine that is so near to the path is on it, and how much farther away a piece may be that is a second nearer in
+// time, mm: as in path_follower.rs.
+const NEAR_MM = 0.1;
+const SECOND_MM = 0.002;
 
 /** Which part of a piece's way has been made at a part of its time: the speed changes evenly. */
 function partOfWay(from, to, part) {
@@ -186,6 +190,48 @@ class Path {
       kind: this.kind[piece],
       programmed: this.programmed[piece],
     };
+  }
+
+  /** At which part of its time a part of a piece's way has been made. */
+  partOfTime(piece, part) {
+    let [low, high] = [0, 1];
+    for (let round = 0; round < 30; round += 1) {
+      const middle = (low + high) / 2;
+      if (partOfWay(this.speed[piece], this.speed[piece + 1], middle) < part) low = middle; else high = middle;
+    }
+    return (low + high) / 2;
+  }
+
+  /** The first piece and the one after the last that a machine may be on at a line: those of the line and its neighbours. */
+  piecesFrom(line) {
+    const moving = [];
+    for (let next = Math.max(0, line - 1); next < this.first.length && moving.length < 4; next += 1) {
+      if (this.first[next] >= 0) moving.push(next);
+    }
+    if (!moving.length) return [this.pieces, this.pieces];
+    return [this.first[moving[0]], Math.max(...moving.map((next) => this.last[next] + 1))];
+  }
+
+  /** The time at which the path comes by a place, in some of its pieces; of several, that near an expected time. */
+  timeNear([x, y, z], first, last, expected) {
+    const { xyz, time } = this;
+    let [best, least] = [null, Infinity];
+    for (let piece = first; piece < last; piece += 1) {
+      const from = 3 * piece;
+      const [dx, dy, dz] = [xyz[from + 3] - xyz[from], xyz[from + 4] - xyz[from + 1], xyz[from + 5] - xyz[from + 2]];
+      const [px, py, pz] = [x - xyz[from], y - xyz[from + 1], z - xyz[from + 2]];
+      const whole = dx * dx + dy * dy + dz * dz;
+      const part = whole > 0 ? Math.min(1, Math.max(0, (px * dx + py * dy + pz * dz) / whole)) : 0;
+      const off = Math.hypot(px - part * dx, py - part * dy, pz - part * dz);
+      if (off <= NEAR_MM) {
+        const [begin, end] = [time[piece], time[piece + 1]];
+        const there = whole > 0
+          ? begin + (end - begin) * this.partOfTime(piece, part) : Math.min(end, Math.max(begin, expected));
+        const score = off + SECOND_MM * Math.abs(there - expected);
+        if (score < least) [best, least] = [there, score];
+      }
+    }
+    return best;
   }
 
   /** The place before a line that moves nothing itself, such as one that is refused. */

@@ -6,6 +6,8 @@ const OUTSIDE = '#e0109f';
 const EVERYWHERE = 1e9;
 // Widths on the screen, pixels.
 const WIDTHS = { feed: 2.4, rapid: 1.1, chosen: 4 };
+// How opaque is what comes after the time that is shown.
+const AHEAD = { played: 0.16, live: 0.5 };
 // More pieces than this are drawn thin, and in motion coarsely.
 const MANY = 100000;
 const VIEWS = {
@@ -52,9 +54,9 @@ void main() {
 
 const FRAGMENT_SHADER = `#version 300 es
 precision highp float;
-uniform vec3 gradient[5], rapidColour, otherColour, outside, travelLow, travelHigh;
+uniform vec3 gradient[5], rapidColour, otherColour, cutColour, outside, travelLow, travelHigh;
 uniform vec4 chosen;
-uniform float now, dash;
+uniform float now, cut, ahead, dash;
 in float time, way, value;
 in vec3 place;
 flat in float kind;
@@ -67,8 +69,9 @@ vec3 ramp(float share) {
 void main() {
   if (kind == 1.0 && chosen.a == 0.0 && mod(way, dash) > 0.55 * dash) discard;
   vec3 plain = kind == 1.0 ? rapidColour : kind == 2.0 ? ramp(value) : otherColour;
+  if (kind != 1.0 && time < cut) plain = cutColour;
   if (any(lessThan(place, travelLow)) || any(greaterThan(place, travelHigh))) plain = outside;
-  float alpha = time > now ? 0.16 : kind == 1.0 ? 0.75 : 1.0;
+  float alpha = time > now ? ahead : kind == 1.0 ? 0.75 : 1.0;
   colour = chosen.a > 0.0 ? chosen : vec4(plain * alpha, alpha);
 }`;
 
@@ -141,8 +144,9 @@ class Scene {
     this.travel = [0, 1].map((end) => travels.map((travel, axis) => (
       travel ? travel[end] : [path.low, path.high][end][axis])));
     this.showsTravel = false;
-    // What a live page draws over all: it has bounds of its own.
+    // A machine at work, and the time of the job up to which it has cut, s.
     this.live = null;
+    this.cut = 0;
     this.unit = 'mm';
     this.values = new Float32Array(3 * path.count);
     this.gl = this.canvas.getContext('webgl2', { antialias: path.count < MANY, preserveDrawingBuffer: true });
@@ -314,10 +318,13 @@ class Scene {
     gl.uniform1f(uniform('zoom'), camera.zoom);
     gl.uniform1f(uniform('depth'), reach);
     gl.uniform1f(uniform('now'), this.now);
+    gl.uniform1f(uniform('cut'), this.cut);
+    gl.uniform1f(uniform('ahead'), this.live && this.live.isFollowed ? AHEAD.live : AHEAD.played);
     gl.uniform1f(uniform('dash'), 9 / camera.zoom);
     gl.uniform3fv(uniform('gradient'), GRADIENT.flatMap(rgb));
     gl.uniform3fv(uniform('rapidColour'), rgb(this.marks.colours.rapid || '#888888'));
     gl.uniform3fv(uniform('otherColour'), rgb(OTHER));
+    gl.uniform3fv(uniform('cutColour'), rgb(this.marks.colours.cut || '#888888'));
     gl.uniform3fv(uniform('outside'), rgb(OUTSIDE));
     gl.uniform1f(uniform('rapids'), this.hasRapids);
     // Where a limit is, single precision may be off by less than a micrometre.

@@ -70,7 +70,7 @@ class View {
   /** Takes the colours over from the style, in the dark and in the light. */
   dress() {
     const style = getComputedStyle(document.documentElement);
-    const names = ['page', 'text', 'faint', 'bad', 'curve', 'grid', 'box', 'rapid', 'start', 'end', 'hole', 'change', 'tool', 'current', 'accent'];
+    const names = ['page', 'text', 'faint', 'bad', 'curve', 'grid', 'box', 'rapid', 'start', 'end', 'hole', 'change', 'tool', 'current', 'accent', 'cut', 'point'];
     const colours = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
     colours.axes = ['x', 'y', 'z'].map((name) => style.getPropertyValue(`--${name}`).trim());
     this.scene.marks.colours = colours;
@@ -272,7 +272,7 @@ class View {
       const isClick = pointers.delete(event.pointerId) && moved < 5 && event.type === 'pointerup';
       const place = this.placeOf(event);
       const hit = isClick && event.button === 0 ? scene.pick(...place, event.pointerType === 'mouse' ? 9 : 20) : null;
-      if (hit) this.setTime(this.path.within(hit.piece, this.partOfTime(hit)).time);
+      if (hit) this.setTime(this.path.within(hit.piece, this.path.partOfTime(hit.piece, hit.part)).time);
     };
     stage.addEventListener('pointerup', release);
     stage.addEventListener('pointercancel', release);
@@ -312,16 +312,6 @@ class View {
     this.scene.move();
   }
 
-  /** At which part of its time a part of a piece's way has been made. */
-  partOfTime({ piece, part }) {
-    let [low, high] = [0, 1];
-    for (let round = 0; round < 30; round += 1) {
-      const middle = (low + high) / 2;
-      if (partOfWay(this.path.speed[piece], this.path.speed[piece + 1], middle) < part) low = middle; else high = middle;
-    }
-    return (low + high) / 2;
-  }
-
   /** Tells what is under the pointer. */
   point(event) {
     if (!event) return;
@@ -332,7 +322,7 @@ class View {
       this.hover(0);
       return;
     }
-    const there = this.path.within(hit.piece, this.partOfTime(hit));
+    const there = this.path.within(hit.piece, this.path.partOfTime(hit.piece, hit.part));
     const wanted = there.kind === KIND.FEED ? ` of ${grouped(there.programmed)}` : '';
     const text = there.line ? `${there.line}: ${this.lines[there.line - 1] ?? ''}` : 'no line';
     this.tell(`${text}\n${KIND_NAMES[there.kind]}, ${grouped(there.speed)}${wanted} mm/min at ${there.time.toFixed(3)} s`, ...place);

@@ -64,7 +64,7 @@ const MOST_PAGES: usize = 16;
 
 /// What a browser may do with the page: run its scripts, also as WebAssembly, and ask this server alone.
 const POLICY: &str = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src data:; \
-    connect-src 'self'; base-uri 'none'; form-action 'none'";
+    connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'";
 
 /// Whether a command holds the machine.
 fn is_hold(command: &Command) -> bool {

@@ -6,6 +6,7 @@ use std::{
 };
 
 use anyhow::{Context, Result};
+use pages::control;
 
 use crate::http::Request;
 
@@ -90,9 +91,13 @@ impl Site {
         let Some((_, kind, content)) = files.find(|(path, ..)| *path == request.path) else {
             return request.answer("404 Not Found", &[], b"not found");
         };
+        let policy = match request.path.as_str() {
+            control::VIEW => control::VIEW_POLICY,
+            _ => &self.policy,
+        };
         let fields = [
             ("Content-Type", *kind),
-            ("Content-Security-Policy", &self.policy),
+            ("Content-Security-Policy", policy),
             ("X-Content-Type-Options", "nosniff"),
             ("Referrer-Policy", "no-referrer"),
             ("Cache-Control", "no-store"),

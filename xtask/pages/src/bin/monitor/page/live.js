@@ -7,7 +7,6 @@ let now = { extents: { low: [0, 0, 0], high: [0, 0, 0] } };
 let unit = 'mm';
 let isDue = false;
 
-const ARROW = 20;
 const colourOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 /** Makes a canvas as fine as the screen, and gives what draws in its pixels. */
@@ -21,19 +20,14 @@ function sheet(canvas) {
   return { context, fine, width: canvas.width, height: canvas.height };
 }
 
-/** The path of the machine in the picture of the job. */
-class Trail {
-  constructor(scene) {
-    this.scene = scene;
+/** The machine that is watched. Where nothing is known of its job, the picture shows what it has done since. */
+class Watched extends Machine {
+  constructor(view) {
+    super(view);
     this.canvas = element('canvas');
     this.canvas.id = 'path';
     this.canvas.setAttribute('aria-label', 'The path of the machine, and where it is');
-    scene.above.after(this.canvas);
-    scene.live = this;
-    // The time of the job goes with the machine.
-    this.isFollowed = true;
-    // The picture is fitted to the path until somebody moves it.
-    this.isFitted = true;
+    view.scene.above.before(this.canvas);
   }
 
   bounds() {
@@ -41,53 +35,26 @@ class Trail {
   }
 
   render(scene) {
-    // Who goes to another time leaves the machine.
-    if (this.isFollowed && window.view && window.view.now !== this.shown) follow(window.view, false);
-    const { context, fine, width, height } = sheet(this.canvas);
-    const { camera: { target, zoom, yaw, pitch }, axes: { right, up } } = scene;
-    const scale = zoom * fine;
-    const across = (place) => width / 2
-      + ((place[0] - target[0]) * right[0] + (place[1] - target[1]) * right[1] + (place[2] - target[2]) * right[2]) * scale;
-    const down = (place) => height / 2
-      - ((place[0] - target[0]) * up[0] + (place[1] - target[1]) * up[1] + (place[2] - target[2]) * up[2]) * scale;
-    // For whoever measures what is drawn from above.
-    const isAbove = yaw === 0 && pitch === Math.PI / 2;
-    this.canvas.dataset.view = isAbove
-      ? JSON.stringify({ scale, left: width / 2 - target[0] * scale, bottom: height / 2 + target[1] * scale }) : '';
-    const { rotary } = scene.path;
-    // Work on a rotary axis turns with it, which reports of three axes do not tell.
-    if (!rotary.length) {
-      context.strokeStyle = colourOf('--trail');
-      context.lineWidth = 1.5 * fine;
-      context.lineJoin = 'round';
-      context.beginPath();
-      for (const place of path) context.lineTo(across(place), down(place));
-      context.stroke();
-    }
-    const at = rotary.length && now.job ? scene.path.at(now.job.time_s).xyz : now.at;
-    if (!at) return;
-    const ahead = [at[0] + Math.cos(now.heading), at[1] + Math.sin(now.heading), at[2]];
-    const [x, y] = [across(at), down(at)];
-    const [dx, dy] = [across(ahead) - x, down(ahead) - y];
-    this.point(context, fine, x, y, now.heading === null || rotary.length ? null : Math.atan2(dy, dx));
+    if (!scene.path.count) this.chords(scene);
+    super.render(scene);
   }
 
-  /** Where the machine is, and where it goes. */
-  point(context, fine, x, y, angle) {
-    context.fillStyle = colourOf('--point');
+  /** The path from one position to the next. */
+  chords(scene) {
+    const { context, fine, width, height } = sheet(this.canvas);
+    const { camera: { target, zoom, yaw, pitch } } = scene;
+    // For whoever measures what is drawn from above.
+    const isAbove = yaw === 0 && pitch === Math.PI / 2;
+    const scale = zoom * fine;
+    this.canvas.dataset.view = isAbove
+      ? JSON.stringify({ scale, left: width / 2 - target[0] * scale, bottom: height / 2 + target[1] * scale }) : '';
+    context.scale(fine, fine);
+    context.strokeStyle = colourOf('--trail');
+    context.lineWidth = 1.5;
+    context.lineJoin = 'round';
     context.beginPath();
-    context.arc(x, y, 5 * fine, 0, 2 * Math.PI);
-    context.fill();
-    if (angle === null || !/^(Run|Jog|Home)/.test(now.state)) return;
-    context.save();
-    context.translate(x, y);
-    context.rotate(angle);
-    context.beginPath();
-    context.moveTo(ARROW * fine, 0);
-    context.lineTo(7 * fine, 6 * fine);
-    context.lineTo(7 * fine, -6 * fine);
-    context.fill();
-    context.restore();
+    for (const place of path) context.lineTo(...scene.project(place));
+    context.stroke();
   }
 }
 
@@ -147,16 +114,15 @@ function draw() {
   const { view } = window;
   const { job } = now;
   const { live } = view.scene;
+  const { rotary } = view.path;
   $('left').textContent = remaining(job, view.path.end);
   if (job) $('done').value = view.path.end ? job.time_s / view.path.end : 0;
-  if (live.isFollowed && view.now !== live.shown) follow(view, false);
-  if (live.isFollowed && job && job.time_s !== view.now) {
-    view.setTime(job.time_s);
-    live.shown = view.now;
-  }
+  if (job) live.cutTo(job.time_s);
+  // Work on a rotary axis turns with it, which reports of three axes do not tell.
+  live.at = rotary.length && job ? view.path.at(job.time_s).xyz : now.at;
+  [live.heading, live.state] = [rotary.length ? null : now.heading, now.state];
   view.scene.unit = unit;
-  if (live.isFitted) view.scene.fit();
-  view.scene.ask();
+  live.ask();
   drawSpeeds();
   document.body.dataset.at = now.at ? now.at.join() : '';
 }
@@ -165,40 +131,6 @@ function redraw() {
   if (isDue || !window.view) return;
   isDue = true;
   requestAnimationFrame(draw);
-}
-
-/** The button by which the job's time goes with the machine. */
-function connectFollowing(view) {
-  const button = element('button', 'Live');
-  button.id = 'follow';
-  button.title = 'Follow the machine';
-  $('transport').prepend(button);
-  button.addEventListener('click', () => {
-    view.play(false);
-    follow(view, true);
-    redraw();
-  });
-  follow(view, true);
-}
-
-function follow(view, wants) {
-  const { live } = view.scene;
-  live.isFollowed = wants;
-  live.shown = view.now;
-  $('follow').setAttribute('aria-pressed', wants);
-}
-
-/** Fits the picture until somebody turns or moves it, and again from when it is wanted. */
-function connectFitting(view) {
-  const { scene } = view;
-  const { live } = scene;
-  ['pointermove', 'wheel', 'keydown'].forEach((name) => $('stage').addEventListener(name, (event) => {
-    if (name !== 'pointermove' || event.buttons) live.isFitted = false;
-  }));
-  const fitted = () => { live.isFitted = true; };
-  $('views').addEventListener('click', fitted);
-  $('stage').addEventListener('dblclick', fitted);
-  document.addEventListener('keydown', ({ key }) => { if ('1234fF'.includes(key)) fitted(); });
 }
 
 /** What is known of the job; a job without anything, where nothing is. */
@@ -223,13 +155,12 @@ async function known() {
 
 async function start() {
   const view = new View(...await known());
-  new Trail(view.scene);
+  const machine = new Watched(view);
   const { cutLow, cutHigh, count } = view.path;
   // What is flat is seen from above.
   if (!count || cutHigh[2] - cutLow[2] < 1e-3) view.scene.view('top');
-  connectFitting(view);
   view.setTime(0);
-  connectFollowing(view);
+  machine.follow(true);
   window.view = view;
   document.body.dataset.ready = 'yes';
   redraw();
