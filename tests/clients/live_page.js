@@ -24,7 +24,7 @@ function look(page) {
     return {
       isReady: document.body.dataset.ready === 'yes',
       link: text('link'),
-      state: text('state'),
+      state: now.state, // eslint-disable-line no-undef
       left: text('left'),
       // Bindings of the page's script.
       points: path.length, // eslint-disable-line no-undef

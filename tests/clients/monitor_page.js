@@ -23,7 +23,7 @@ function look(page) {
   return page.evaluate(() => ({
     at: document.body.dataset.at,
     link: document.getElementById('link').textContent,
-    state: document.getElementById('state').textContent,
+    state: now.state || '', // eslint-disable-line no-undef
     cells: Array.from(document.querySelectorAll('td'), (cell) => cell.textContent),
     // A binding of the page's script.
     points: path.length, // eslint-disable-line no-undef

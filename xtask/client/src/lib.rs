@@ -21,6 +21,7 @@ pub mod realtime;
 mod report;
 pub mod sender;
 pub mod transmission;
+pub mod words;
 
 #[cfg(feature = "os")]
 pub mod guard;

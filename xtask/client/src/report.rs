@@ -196,6 +196,7 @@ pub struct Status {
     offset: Option<Vec<f64>>,
     /// Overrides of feed, rapids and spindle, %.
     pub overrides: [u16; 3],
+    accessories: String,
 }
 
 impl Default for Status {
@@ -204,6 +205,7 @@ impl Default for Status {
             report: Report::default(),
             offset: None,
             overrides: [100; 3],
+            accessories: String::new(),
         }
     }
 }
@@ -219,6 +221,9 @@ impl Status {
     pub fn take(&mut self, report: Report) {
         self.offset = report.work_offset().or(self.offset.take());
         self.overrides = report.overrides().unwrap_or(self.overrides);
+        if let Some(accessories) = report.accessories() {
+            self.accessories = accessories.into();
+        }
         self.report = report;
     }
 
@@ -234,6 +239,12 @@ impl Status {
     pub fn work_position(&self) -> Option<Vec<f64>> {
         let reported = self.report.work_position();
         reported.or_else(|| self.shifted(self.report.machine_position()?, -1.0))
+    }
+
+    /// What was on in the newest report that says so, a letter for each.
+    #[must_use]
+    pub fn accessories(&self) -> &str {
+        &self.accessories
     }
 
     /// The machine position of the work zero, once it has been told.

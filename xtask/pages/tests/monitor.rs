@@ -387,6 +387,87 @@ fn machine(answer: &'static [u8]) -> (String, Sender<()>) {
     (address, switch)
 }
 
+/// A machine that is none: it reports a place on half a circle, each one farther on once its switch is used.
+fn machine_on_an_arc() -> (String, Sender<()>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let (switch, begins) = channel();
+    thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let (mut byte, mut degrees) = ([0], 0_u8);
+        while stream.read(&mut byte).is_ok_and(|length| length == 1) {
+            let answer = match byte {
+                [b'\n'] => "[GC:G1 G54 G17 G21 G90 T3 F600]\r\nok\r\n".into(),
+                [b'?'] => {
+                    if degrees > 0 || begins.try_recv() == Ok(()) {
+                        degrees = (degrees + 30).min(180);
+                    }
+                    let angle = f64::from(degrees).to_radians();
+                    let (x, y) = (10.0 - 10.0 * angle.cos(), 10.0 * angle.sin());
+                    let state = if matches!(degrees, 0 | 180) {
+                        "Idle"
+                    } else {
+                        "Run"
+                    };
+                    format!(
+                        "<{state}|MPos:{x:.3},{y:.3},0.000|FS:600,0|Pn:P|Ov:80,100,100|A:S\
+                         |WCO:0.000,0.000,0.000>\r\n[MSG:half\x1b[2Jway]\r\n"
+                    )
+                }
+                _ => continue,
+            };
+            if stream.write_all(answer.as_bytes()).is_err() {
+                return;
+            }
+        }
+    });
+    (address, switch)
+}
+
+#[test]
+fn between_two_reports_the_path_is_that_of_the_job() {
+    let folder = tempdir().unwrap();
+    let program = folder.path().join("job.nc");
+    fs::write(&program, "G2 X20 I10 F600\n").unwrap();
+    let (address, switch) = machine_on_an_arc();
+    let program = program.to_str().unwrap();
+    let mut monitor = Monitor::start(&["--tcp", &address, "--program", program]);
+    let mut points: Vec<[f64; 3]> = Vec::new();
+    let mut last = Value::Null;
+    for event in events(&monitor.address()) {
+        let _ = switch.send(());
+        let path = event["path"].clone();
+        points.extend(serde_json::from_value::<Vec<[f64; 3]>>(path).unwrap());
+        last = event["now"].clone();
+        if last["job"]["left_s"] == 0.0 {
+            break;
+        }
+    }
+    assert!(points.len() > 30, "{}", points.len());
+    for two in points.windows(2) {
+        let [x, y] = [0, 1].map(|axis| f64::midpoint(two[0][axis], two[1][axis]));
+        let off_mm = ((x - 10.0).hypot(y) - 10.0).abs();
+        assert!(off_mm < 0.02, "{two:?}");
+    }
+    assert_eq!(points.last(), Some(&[20.0, 0.0, 0.0]));
+    // What else a machine reports and says is shown, too.
+    assert_eq!(last["words"], "Idle");
+    assert_eq!(last["messages"][0], "half\u{241b}[2Jway");
+    let values = last["values"].to_string();
+    for value in [
+        r#"["Feed","600 mm/min, set 600"]"#,
+        r#"["Overrides","feed 80 %, rapids 100 %, spindle 100 %"]"#,
+        r#"["On","spindle clockwise"]"#,
+        r#"["Inputs","probe"]"#,
+        r#"["Work system","G54"]"#,
+        r#"["Tool","T3"]"#,
+    ] {
+        assert!(values.contains(value), "{value}: {values}");
+    }
+    monitor.interrupt();
+    monitor.end();
+}
+
 #[test]
 fn any_machine_is_shown_by_its_reports_until_it_goes() {
     let (address, switch) = machine(REPORT);

@@ -12,6 +12,7 @@ mod source;
 mod svg;
 mod tap;
 mod track;
+mod values;
 mod watch;
 
 use std::{fs, path::Path, process::ExitCode, sync::Arc};

@@ -99,6 +99,26 @@ impl PathFollower {
         self.progress()
     }
 
+    /// The time of the job at which the machine was last, s.
+    pub(crate) fn at_s(&self) -> Option<f64> {
+        self.at_s
+    }
+
+    /// The places where the path bends between two times, s, that a machine on it has passed since the first; none where
+    /// it has been found elsewhere.
+    pub(crate) fn bends(&self, from_s: f64, to_s: f64) -> impl Iterator<Item = [f64; AXES]> {
+        let to_s = if to_s > from_s + SEARCH_AHEAD_S {
+            from_s
+        } else {
+            to_s
+        };
+        let first = self.points.partition_point(|point| point.time_s <= from_s);
+        let passed = self.points[first..].iter();
+        passed
+            .take_while(move |point| point.time_s < to_s)
+            .map(|point| point.place)
+    }
+
     /// The machine has not moved: the time goes on only where the job stands still, too.
     fn stand(&mut self, now_s: f64, state: &str) {
         let Some(at) = self.at_s else {
@@ -343,6 +363,21 @@ mod tests {
         assert_eq!((end.time_s, end.left_s), (1.0, 0.0));
         assert_eq!(path_follower.follow([0.0; 3], 3.0, "Idle").left_s, 0.0);
         run(&mut path_follower, 10.0, 1.0);
+    }
+
+    #[test]
+    fn what_a_machine_has_passed_is_the_path_itself() {
+        let corner = [10.0, 0.0, 0.0];
+        let mut path_follower = path_follower(&[[0.0; 3], corner, [10.0, 10.0, 0.0]]);
+        path_follower.follow([8.0, 0.0, 0.0], 0.8, "Run");
+        let before = path_follower.at_s().unwrap();
+        let now = path_follower.follow([10.0, 2.0, 0.0], 1.2, "Run").time_s;
+        assert_eq!(
+            path_follower.bends(before, now).collect::<Vec<_>>(),
+            [corner]
+        );
+        assert_eq!(path_follower.bends(now, before).count(), 0);
+        assert_eq!(path_follower.bends(0.0, 9.0).count(), 0);
     }
 
     #[test]

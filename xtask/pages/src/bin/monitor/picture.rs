@@ -6,12 +6,14 @@ use std::{
     time::Duration,
 };
 
+use grbl_client::words::state_words;
 use serde::Serialize;
 use simulation::chart::thinned;
 
 use crate::{
     path_follower::Progress,
     track::{AXES, Report},
+    values::NamedValue,
 };
 
 /// Points of the path that are kept at most.
@@ -22,6 +24,9 @@ const PIXELS: f64 = 2000.0;
 const MAX_SPEEDS: usize = 4000;
 /// Positions from which the direction is taken: single steps of two axes alternate.
 const HEADING_POINTS: usize = 8;
+
+/// Messages of the machine that are kept.
+const MAX_MESSAGES: usize = 20;
 
 /// A point of the path, in its unit.
 pub(crate) type Place = [f64; AXES];
@@ -47,6 +52,12 @@ pub(crate) struct Now {
     pub(crate) machine_mm: Option<[f64; AXES]>,
     pub(crate) work_mm: Option<[f64; AXES]>,
     pub(crate) state: String,
+    /// The same in words.
+    pub(crate) words: &'static str,
+    /// What else the last report has.
+    pub(crate) values: Vec<NamedValue>,
+    /// What the machine has said beside, the newest last.
+    pub(crate) messages: VecDeque<String>,
     pub(crate) speed_mm_min: f64,
     /// Time since the beginning, s.
     pub(crate) time_s: f64,
@@ -58,6 +69,14 @@ pub(crate) struct Now {
     pub(crate) alarm: Option<String>,
     /// The line that was refused last, with the same.
     pub(crate) refusal: Option<String>,
+}
+
+/// How far a job is that is known in advance.
+#[derive(Debug)]
+pub(crate) struct Followed {
+    pub(crate) progress: Progress,
+    /// Where its path bends that the machine has passed since.
+    pub(crate) bends: Vec<Place>,
 }
 
 /// The picture.
@@ -168,6 +187,8 @@ impl Picture {
         now.machine_mm = Some(report.machine_mm);
         now.work_mm = Some(report.work_mm);
         now.state.clone_from(&report.state);
+        now.words = state_words(&report.state);
+        now.values.clone_from(&report.values);
         if ["Run", "Jog", "Home"].contains(&report.state.as_str()) {
             now.alarm = None;
         }
@@ -195,11 +216,27 @@ impl Picture {
         self.now.alarm = Some(alarm.into());
         // The next report comes too late for a page that this ends.
         self.now.state = "Alarm".into();
+        self.now.words = state_words("Alarm");
         self.version += 1;
     }
 
-    /// Takes note of how far the job is.
-    pub(crate) fn progress(&mut self, progress: Progress) {
+    /// Adds what the machine has said.
+    pub(crate) fn message(&mut self, text: String) {
+        if self.now.messages.len() == MAX_MESSAGES {
+            self.now.messages.pop_front();
+        }
+        self.now.messages.push_back(text);
+        self.version += 1;
+    }
+
+    /// Takes note of how far the job is, and adds what the machine has passed of its path.
+    pub(crate) fn follow(&mut self, followed: Option<Followed>) {
+        let Some(Followed { progress, bends }) = followed else {
+            return;
+        };
+        for at in bends {
+            self.move_to(at);
+        }
         self.now.job = Some(progress);
         self.version += 1;
     }
@@ -302,6 +339,7 @@ mod tests {
             rotary: Vec::new(),
             work_mm: [0.0; AXES],
             speed_mm_min: Some(speed),
+            values: Vec::new(),
         }
     }
 
@@ -433,5 +471,15 @@ mod tests {
         }
         picture.end();
         assert!(picture.change(&mut shown).unwrap().is_over);
+    }
+
+    #[test]
+    fn the_newest_messages_are_kept() {
+        let mut picture = Picture::default();
+        for number in 0..=MAX_MESSAGES {
+            picture.message(number.to_string());
+        }
+        let messages = &picture.now().messages;
+        assert_eq!((messages.len(), messages[0].as_str()), (MAX_MESSAGES, "1"));
     }
 }

@@ -75,7 +75,8 @@ impl Source {
     }
 }
 
-/// Waits until a machine answers. Returns it, and its settings where it is at rest: in motion it refuses to tell.
+/// Waits until a machine answers. Returns it, and its settings and modes where it is at rest: in motion it refuses to
+/// tell them.
 pub(crate) fn greet(link: Link, stop: &UnixStream) -> Result<(Machine, Vec<String>)> {
     let name = link.name.clone();
     let connected = Machine::connect(link, TIMEOUT, Some(stop));
@@ -86,8 +87,13 @@ pub(crate) fn greet(link: Link, stop: &UnixStream) -> Result<(Machine, Vec<Strin
         error.context(format!("{name} has not answered as Grbl does"))
     })?;
     let is_idle = machine.status.report.state == "Idle";
-    let answer = is_idle.then(|| machine.ask("$$", TIMEOUT)).transpose()?;
-    Ok((machine, answer.map_or(Vec::new(), |answer| answer.lines)))
+    let mut lines = Vec::new();
+    if is_idle {
+        for question in ["$$", "$G"] {
+            lines.extend(machine.ask(question, TIMEOUT)?.lines);
+        }
+    }
+    Ok((machine, lines))
 }
 
 /// Asks for everything that a job depends on. A machine that moves is asked for nothing: its job is taken for one

@@ -4,6 +4,8 @@
 
 use grbl_client::{Line, Lines, Status};
 
+use crate::values::{self, Modes, NamedValue};
+
 /// X, Y and Z.
 pub(crate) const AXES: usize = 3;
 const MM_PER_INCH: f64 = 25.4;
@@ -38,6 +40,8 @@ pub(crate) struct Report {
     pub(crate) work_mm: [f64; AXES],
     /// The speed, mm/min, if the report has one.
     pub(crate) speed_mm_min: Option<f64>,
+    /// What else it has, in words.
+    pub(crate) values: Vec<NamedValue>,
 }
 
 /// The lines of a machine, and what earlier ones say about later ones.
@@ -45,6 +49,8 @@ pub(crate) struct Report {
 pub(crate) struct Track {
     lines: Lines,
     status: Status,
+    /// The answer to `$G`.
+    pub(crate) modes: Modes,
     /// `$13`.
     is_in_inches: bool,
     /// `$100`, `$101`, `$102`.
@@ -98,6 +104,12 @@ impl Track {
                 }
             }
             Line::Setting(number, value) => self.setting(number, value),
+            Line::Answer("GC", words) => {
+                self.modes = Modes {
+                    words: words.split(' ').map(str::to_owned).collect(),
+                    are_old: false,
+                }
+            }
             _ => {}
         }
         Sighting::Other(text.into())
@@ -119,6 +131,7 @@ impl Track {
             work_mm: place(work.as_ref().unwrap_or(&machine)),
             rotary: machine.into_iter().skip(AXES).collect(),
             speed_mm_min: report.feed().map(|feed| feed * scale),
+            values: values::of(&self.status, &self.modes, self.is_in_inches),
         })
     }
 

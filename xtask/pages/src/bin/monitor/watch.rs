@@ -11,7 +11,7 @@ use std::{
 
 use anyhow::{Context, Result, ensure};
 use grbl_client::{
-    Link,
+    Line, Link, Response,
     link::{self, PollFlags},
     meaning::{self, LineOfAlarm},
     realtime,
@@ -21,7 +21,7 @@ use simulation::{playing::RaisedAlarm, pty::Pty};
 
 use crate::{
     path_follower::PathFollower,
-    picture::Shared,
+    picture::{Followed, Shared},
     sending::Sending,
     tap::Tap,
     track::{AXES, Report, Sighting, Track},
@@ -112,7 +112,9 @@ impl Watch {
                 self.to_machine.push(realtime::REPORT);
             }
             if let Some(job) = &mut job {
+                let waiting = self.to_machine.len();
                 job.feed(&mut self.to_machine)?;
+                self.track.modes.are_old |= self.to_machine.len() > waiting;
             }
             if self.exchange(sender, stop)? {
                 ensure!(
@@ -133,53 +135,16 @@ impl Watch {
     /// Adds to the picture what has been seen.
     fn update(&mut self, sighting: &Sighting, job: Option<&mut Sending>) -> Result<()> {
         match sighting {
-            Sighting::Steps([x, y], z) => {
-                let steps_per_mm = self.track.steps_per_mm();
-                let unit = if steps_per_mm.is_some() { "mm" } else { "step" };
-                let is_first = self.stream_scale.is_none();
-                let scale = *self
-                    .stream_scale
-                    .get_or_insert(steps_per_mm.unwrap_or([1.0; AXES]));
-                let steps = [*x, *y, z.unwrap_or(0)].map(f64::from);
-                let mut place: [f64; AXES] = std::array::from_fn(|axis| steps[axis] / scale[axis]);
-                // A stream without Z leaves it to the reports.
-                if let (None, Some(report), true) = (z, &self.report, steps_per_mm.is_some()) {
-                    place[Z] = report.machine_mm[Z];
-                }
-                self.shared.change(|picture| {
-                    if is_first {
-                        picture.measure_in(unit);
-                    }
-                    picture.move_to(place);
-                });
-                if unit == "mm" {
-                    self.follow(place);
-                }
-            }
-            Sighting::Report(report) => {
-                let time = self.start.elapsed();
-                let is_path = self.stream_scale.is_none();
-                self.report = Some(report.clone());
-                self.shared.change(|picture| {
-                    picture.report(report, time);
-                    if is_path {
-                        picture.measure_in("mm");
-                        picture.move_to(report.machine_mm);
-                    }
-                });
-                // The stream tells where a machine is that moves, but not that it has come to rest.
-                if is_path || report.state != "Run" {
-                    self.follow(report.machine_mm);
-                }
-                if let Some(job) = job {
-                    job.report(&report.state);
-                    // The operator of the virtual machine presses cycle start.
-                    if self.is_simulated && report.state == "Hold:0" {
-                        self.to_machine.push(realtime::RESUME);
-                    }
-                }
-            }
+            Sighting::Steps(xy, z) => self.take_steps(*xy, *z),
+            Sighting::Report(report) => self.take_report(report, job),
             Sighting::Answer(text) => {
+                if let Some(Response::Error(number)) = Response::parse(text) {
+                    let meaning = meaning::error_with_remedy(number);
+                    self.say(format!(
+                        "{text}{}",
+                        meaning::after_comma(meaning.as_deref())
+                    ));
+                }
                 if let Some(job) = job {
                     let (lines, refusal) = job.answer(text);
                     self.shared
@@ -187,16 +152,85 @@ impl Watch {
                 }
             }
             Sighting::Alarm(text) => self.show_alarm(text.trim(), job.as_deref())?,
-            Sighting::Welcome => {}
-            Sighting::Other(text) => self.link.ensure_is_free(text)?,
+            Sighting::Welcome => self.say("the machine has started anew".into()),
+            Sighting::Other(text) => {
+                if let Line::Message(message) | Line::Answer("echo", message) = Line::read(text) {
+                    self.say(message.into());
+                }
+                self.link.ensure_is_free(text)?;
+            }
         }
         Ok(())
+    }
+
+    /// Adds a line of the position stream to the path.
+    fn take_steps(&mut self, xy: [i32; 2], z: Option<i32>) {
+        let steps_per_mm = self.track.steps_per_mm();
+        let unit = if steps_per_mm.is_some() { "mm" } else { "step" };
+        let is_first = self.stream_scale.is_none();
+        let scale = *self
+            .stream_scale
+            .get_or_insert(steps_per_mm.unwrap_or([1.0; AXES]));
+        let steps = [xy[0], xy[1], z.unwrap_or(0)].map(f64::from);
+        let mut place: [f64; AXES] = std::array::from_fn(|axis| steps[axis] / scale[axis]);
+        // A stream without Z leaves it to the reports.
+        if let (None, Some(report), true) = (z, &self.report, steps_per_mm.is_some()) {
+            place[Z] = report.machine_mm[Z];
+        }
+        let followed = if unit == "mm" {
+            self.follow(place)
+        } else {
+            None
+        };
+        self.shared.change(|picture| {
+            if is_first {
+                picture.measure_in(unit);
+            }
+            picture.follow(followed);
+            picture.move_to(place);
+        });
+    }
+
+    /// Shows what a report has.
+    fn take_report(&mut self, report: &Report, job: Option<&mut Sending>) {
+        let time = self.start.elapsed();
+        let is_path = self.stream_scale.is_none();
+        self.report = Some(report.clone());
+        // The stream tells where a machine is that moves, but not that it has come to rest.
+        let followed = if is_path || report.state != "Run" {
+            self.follow(report.machine_mm)
+        } else {
+            None
+        };
+        self.shared.change(|picture| {
+            picture.report(report, time);
+            if is_path {
+                picture.measure_in("mm");
+            }
+            picture.follow(followed);
+            if is_path {
+                picture.move_to(report.machine_mm);
+            }
+        });
+        if let Some(job) = job {
+            job.report(&report.state);
+            // The operator of the virtual machine presses cycle start.
+            if self.is_simulated && report.state == "Hold:0" {
+                self.to_machine.push(realtime::RESUME);
+            }
+        }
+    }
+
+    /// Shows what the machine says.
+    fn say(&self, text: String) {
+        self.shared.change(|picture| picture.message(text));
     }
 
     /// Shows an alarm, which ends a job.
     fn show_alarm(&self, name: &str, job: Option<&Sending>) -> Result<()> {
         let alarm = self.alarm(name, job).to_string();
         self.shared.change(|picture| picture.alarm(&alarm));
+        self.say(alarm.clone());
         ensure!(job.is_none(), "{} is locked: {alarm}", self.link.name);
         Ok(())
     }
@@ -220,13 +254,18 @@ impl Watch {
         expected.unwrap_or_else(|| RaisedAlarm::at(number, place))
     }
 
-    /// Finds how far the job is when the machine is at a place.
-    fn follow(&mut self, place: [f64; AXES]) {
-        if let Some(path_follower) = &mut self.path_follower {
-            let state = self.report.as_ref().map_or("", |report| &report.state);
-            let progress = path_follower.follow(place, self.start.elapsed().as_secs_f64(), state);
-            self.shared.change(|picture| picture.progress(progress));
-        }
+    /// Finds how far the job is when the machine is at a place, where the job is known.
+    fn follow(&mut self, place: [f64; AXES]) -> Option<Followed> {
+        let path_follower = self.path_follower.as_mut()?;
+        let state = self.report.as_ref().map_or("", |report| &report.state);
+        let before = path_follower.at_s();
+        let progress = path_follower.follow(place, self.start.elapsed().as_secs_f64(), state);
+        let from_s = before.filter(|_| progress.is_on_path);
+        let bends = from_s.map(|from_s| path_follower.bends(from_s, progress.time_s).collect());
+        Some(Followed {
+            progress,
+            bends: bends.unwrap_or_default(),
+        })
     }
 
     /// Moves what bytes there are, after a short wait. Returns whether it is to stop.
@@ -249,6 +288,7 @@ impl Watch {
         if self.to_machine.len() < MAX_QUEUED_BYTES {
             let length = moved(rustix::io::read(sender.controller(), &mut chunk))?;
             self.tap.sent(&chunk[..length], now, &mut self.to_machine);
+            self.track.modes.are_old |= chunk[..length].contains(&b'\n');
         }
         self.link.write(&mut self.to_machine)?;
         let length = moved(rustix::io::write(sender.controller(), &self.to_sender))?;

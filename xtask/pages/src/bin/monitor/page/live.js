@@ -105,8 +105,11 @@ function draw() {
   fill('work', now.work_mm);
   fill('low', now.extents.low);
   fill('high', now.extents.high);
-  $('state').textContent = now.state || '\u00a0';
-  $('speed').textContent = Math.round(now.speed_mm_min || 0);
+  $('state').textContent = now.words || '\u00a0';
+  $('values').replaceChildren(...(now.values || []).flatMap(([name, value]) => [element('dt', name), element('dd', value)]));
+  const messages = now.messages || [];
+  $('messages').hidden = !messages.length;
+  $('messages').replaceChildren(...[...messages].reverse().map((text) => element('li', text)));
   $('lines').textContent = now.lines || 0;
   // The alarms of the job in advance are in its table.
   $('alarm').textContent = now.alarm || '';
