@@ -156,6 +156,25 @@ async function typed(page) {
   await until(async () => await page.$('#note') === null, 'the next line takes the error away', () => seen(page));
 }
 
+/** Writes in the editor: what was written runs. */
+async function edited(page) {
+  await page.select('#example', 'plate.nc');
+  await until(async () => await text(page, '#program') === 'plate.nc, 90 lines', 'an example is open', () => seen(page));
+  await page.type('#find', 'x60');
+  await until(async () => await text(page, '.find output') === '1 of 2', 'it is found', () => text(page, '.find output'));
+  await page.keyboard.press('Enter');
+  await page.keyboard.press('Escape');
+  const selected = () => page.$eval('#text', (field) => field.value.slice(field.selectionStart, field.selectionEnd));
+  check(await selected() === 'X60', await selected());
+  await page.keyboard.type('X61\nF99');
+  await until(async () => await text(page, '#program') === 'plate.nc, 91 lines', 'the change counts', () => text(page, '#program'));
+  await page.keyboard.down('Control');
+  await page.keyboard.press('z');
+  await page.keyboard.up('Control');
+  const lines = () => page.$$eval('.code pre > div', (found) => found.map((line) => line.textContent).join('\n'));
+  check(!(await lines()).includes('F99'), 'the last line is undone');
+}
+
 async function ran(page) {
   fs.writeFileSync(NAME, PROGRAM);
   await (await page.$('#file')).uploadFile(NAME);
@@ -284,6 +303,7 @@ async function look(browser, address, { width, height, scheme }) {
     await heldInManyWays(page, browser);
     await wentToZero(page);
     await typed(page);
+    await edited(page);
     await ran(page);
     await overridden(page);
     await configured(page);

@@ -2,6 +2,7 @@
 
 pub mod connection;
 pub mod console;
+pub mod editor;
 pub mod job;
 pub mod jog;
 pub mod macros;

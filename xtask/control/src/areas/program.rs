@@ -1,21 +1,31 @@
-//! The program: opened, dropped or pasted, and run.
+//! The program: opened, dropped or written, saved, and run.
 
-use std::rc::Rc;
+use std::{collections::BTreeSet, rc::Rc};
 
 use gloo_events::EventListener;
 use wasm_bindgen::JsCast as _;
 use wasm_bindgen_futures::{JsFuture, spawn_local};
-use web_sys::{DragEvent, File, HtmlInputElement, HtmlTextAreaElement};
+use web_sys::{DragEvent, File, HtmlInputElement, HtmlSelectElement};
 use yew::prelude::*;
 
 use crate::{
-    areas::job::Job,
+    areas::{editor::Editor, job::Job},
     context::{PageContext, use_page_context},
-    model::{Action, Program},
+    model::{Action, Model, Program},
+    storage,
 };
 
-/// The name of what is pasted.
-const PASTED: &str = "pasted.nc";
+/// The name of what is written here.
+const WRITTEN: &str = "program.nc";
+/// What a newcomer begins with: a name, and a program.
+const EXAMPLES: [(&str, &str); 3] = [
+    ("plate.nc", include_str!("../../../../examples/plate.nc")),
+    (
+        "drilling.nc",
+        include_str!("../../../../examples/drilling.nc"),
+    ),
+    ("pocket.nc", include_str!("../../../../examples/pocket.nc")),
+];
 
 /// Opens a program.
 fn open(context: &PageContext, name: String, text: String) {
@@ -61,55 +71,157 @@ fn use_drop(context: PageContext) {
     });
 }
 
+/// The program with another text; what had no name has one then.
+fn edited(model: &Model, text: String) -> Program {
+    let name = model.program.as_ref().map(|program| program.name.clone());
+    Program {
+        name: name.unwrap_or_else(|| WRITTEN.into()),
+        text,
+    }
+}
+
+/// The line that the job is at, from 1, where the machine says so.
+fn executed_line(model: &Model) -> Option<usize> {
+    let job = model.machine.job.as_ref()?;
+    let is_known = job.is_running && job.executed > 0;
+    is_known.then(|| (job.executed + 1).min(job.lines))
+}
+
+/// How long a program is, in words.
+fn length_words(program: &Program) -> String {
+    match program.text.lines().count() {
+        1 => format!("{}, 1 line", program.name),
+        lines => format!("{}, {lines} lines", program.name),
+    }
+}
+
 /// The program and its job.
 #[component]
 pub fn ProgramArea() -> Html {
     let context = use_page_context();
     use_drop(context.clone());
-    let model = context.model.clone();
-    let is_running = model.is_job_running();
-    let open = Callback::from(move |event: Event| {
-        let input = event.target_unchecked_into::<HtmlInputElement>();
-        if let Some(file) = input.files().and_then(|files| files.get(0)) {
-            take_file(&context, file);
-        }
-        // The same file can be opened again, as it is then.
-        input.set_value("");
+    let program = context.model.program.clone();
+    let words = use_memo(program.clone(), |program| {
+        program.as_deref().map(length_words)
     });
-    let program = model.program.as_deref();
+    let (none, refused) = (
+        use_memo((), |()| Program::default()),
+        use_memo((), |()| BTreeSet::new()),
+    );
+    let on_change = {
+        let latest = use_mut_ref(|| context.clone());
+        *latest.borrow_mut() = context.clone();
+        use_callback((), move |text: String, ()| {
+            let context = latest.borrow();
+            let Program { name, text } = edited(&context.model, text);
+            open(&context, name, text);
+        })
+    };
+    let is_locked = context.model.is_job_running() || context.model.is_watching();
     html! {
         <section class="program" aria-label="Program">
             <h2>{ "Program" }</h2>
-            <fieldset disabled={is_running}>
-                <label>{ "File " }<input id="file" type="file" onchange={open} /></label>
-                <Paste />
-            </fieldset>
-            if let Some(program) = program {
-                <p id="program">{ format!("{}, {} lines", program.name, program.text.lines().count()) }</p>
-            }
+            <fieldset disabled={is_locked}><Files /></fieldset>
+            if let Some(words) = &*words { <p id="program">{ words.clone() }</p> }
+            <Editor program={program.unwrap_or(none)} {refused} executed={executed_line(&context.model)} {is_locked} {on_change} />
             <Job />
         </section>
     }
 }
 
-/// A program that is typed or pasted.
+/// Where programs come from, and where they go.
 #[component]
-fn Paste() -> Html {
+fn Files() -> Html {
     let context = use_page_context();
-    let area = use_node_ref();
-    let take = {
-        let area = area.clone();
-        Callback::from(move |_: MouseEvent| {
-            if let Some(area) = area.cast::<HtmlTextAreaElement>() {
-                open(&context, PASTED.into(), area.value());
+    let choose = {
+        let context = context.clone();
+        Callback::from(move |event: Event| {
+            let input = event.target_unchecked_into::<HtmlInputElement>();
+            if let Some(file) = input.files().and_then(|files| files.get(0)) {
+                take_file(&context, file);
             }
+            // The same file can be opened again, as it is then.
+            input.set_value("");
         })
     };
+    let example = {
+        let context = context.clone();
+        Callback::from(move |event: Event| {
+            let select = event.target_unchecked_into::<HtmlSelectElement>();
+            let value = select.value();
+            if let Some((name, text)) = EXAMPLES.iter().find(|(name, _)| *name == value) {
+                open(&context, (*name).into(), (*text).into());
+            }
+            select.set_selected_index(0);
+        })
+    };
+    let empty = {
+        let context = context.clone();
+        Callback::from(move |_: MouseEvent| open(&context, WRITTEN.into(), String::new()))
+    };
+    let program = context.model.program.clone();
+    let has_none = program.is_none();
+    let save = Callback::from(move |_: MouseEvent| {
+        if let Some(program) = &program {
+            storage::save_file(&program.name, &program.text);
+        }
+    });
+    let options = EXAMPLES.map(|(name, _)| html! { <option>{ name }</option> });
     html! {
-        <details>
-            <summary>{ "or paste one" }</summary>
-            <label>{ "Lines" }<textarea id="paste" ref={area} rows="6" spellcheck="false" /></label>
-            <button id="take" type="button" onclick={take}>{ "Take these lines" }</button>
-        </details>
+        <>
+            <label>{ "File " }<input id="file" type="file" onchange={choose} /></label>
+            <label>{ "Example " }<select id="example" onchange={example}><option value="" selected=true>{ "choose" }</option>
+                { for options }</select></label>
+            <button id="new" type="button" onclick={empty}>{ "New" }</button>
+            <button id="save" type="button" disabled={has_none} onclick={save}>{ "Save as file" }</button>
+        </>
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use grbl_client::client::JobState;
+
+    use super::*;
+
+    #[test]
+    fn what_is_edited_keeps_its_name() {
+        let mut model = Model::default();
+        let written = edited(&model, "G0X1".into());
+        assert_eq!(length_words(&written), "program.nc, 1 line");
+        model.program = Some(Rc::new(Program {
+            name: "plate.nc".into(),
+            text: String::new(),
+        }));
+        let changed = edited(&model, "G0X1\n\nM30\n".into());
+        assert_eq!(length_words(&changed), "plate.nc, 3 lines");
+    }
+
+    #[test]
+    fn the_line_in_execution_is_known_while_the_job_runs() {
+        let job = |executed, is_running| JobState {
+            lines: 6,
+            executed,
+            is_running,
+            ..JobState::default()
+        };
+        for (job, line) in [
+            (None, None),
+            (Some(job(0, true)), None),
+            (Some(job(3, true)), Some(4)),
+            (Some(job(6, true)), Some(6)),
+            (Some(job(3, false)), None),
+        ] {
+            let mut model = Model::default();
+            model.machine.job = job;
+            assert_eq!(executed_line(&model), line);
+        }
+    }
+
+    #[test]
+    fn examples_are_programs_that_end() {
+        for (name, text) in EXAMPLES {
+            assert!(text.contains("M30") || text.contains("M2"), "{name}");
+        }
     }
 }
