@@ -13,8 +13,9 @@ use yew::Reducible;
 
 use crate::worker::{Control, Reply};
 
-/// The questions whose answers are kept.
-const QUESTIONS: [&str; 4] = ["$#", "$TT", "$EG", "$ES"];
+/// The questions whose answers are kept, and how those begin that describe a setting.
+const QUESTIONS: [&str; 6] = ["$#", "$TT", "$EG", "$ES", "$I", "$I+"];
+const DESCRIPTION: &str = "$SED=";
 /// How many lines the console keeps.
 const MOST_LINES: usize = 1000;
 
@@ -85,12 +86,18 @@ pub struct Model {
     pub shows_reports: bool,
     /// What the operator is to read now.
     pub note: String,
+    /// What the machine has said when it was switched on, since the line is open.
+    pub welcome: String,
+    /// The probe has been seen closed, and open after that; or the operator says so.
+    pub is_probe_checked: bool,
     /// What the machine has answered to questions such as `$#`, by the question.
     pub answers: BTreeMap<String, Rc<Vec<String>>>,
     /// The settings, as they are written, as far as they are known.
     pub settings: BTreeMap<u16, String>,
     /// Lines that are not answered, by their numbers.
     pub(crate) unanswered: BTreeMap<u32, String>,
+    /// The probe has been seen closed.
+    pub(crate) was_probe_closed: bool,
     pub(crate) entries: u64,
 }
 
@@ -109,6 +116,8 @@ pub enum Action {
     Clear,
     /// A program is opened, or has changed.
     Open(Rc<Program>),
+    /// The operator says whether the probe was checked.
+    TrustProbe(bool),
 }
 
 impl Reducible for Model {
@@ -134,6 +143,11 @@ impl Model {
         self.connection == Connection::Open && self.machine.is_there
     }
 
+    /// Whether this page may have the machine do something.
+    pub fn may_operate(&self) -> bool {
+        self.is_there() && !self.is_watching()
+    }
+
     /// The state without its number: `Hold`.
     pub fn state_name(&self) -> &str {
         self.machine.state.split(':').next().unwrap_or_default()
@@ -146,8 +160,7 @@ impl Model {
 
     /// Whether the machine takes lines of the operator: it is there and at rest, and no job is under way.
     pub fn takes_lines(&self) -> bool {
-        self.is_there()
-            && !self.is_watching()
+        self.may_operate()
             && matches!(self.state_name(), "Idle" | "Tool" | "Check")
             && (!self.is_job_running() || self.takes_lines_amid_job())
     }
@@ -159,8 +172,7 @@ impl Model {
 
     /// Whether the machine may be jogged.
     pub fn may_jog(&self) -> bool {
-        self.is_there()
-            && !self.is_watching()
+        self.may_operate()
             && (!self.is_job_running() || self.takes_lines_amid_job())
             && matches!(self.state_name(), "Idle" | "Jog" | "Tool")
     }
@@ -185,6 +197,7 @@ impl Model {
             Action::ShowReports(shows) => self.shows_reports = shows,
             Action::Clear => self.log.clear(),
             Action::Open(program) => self.program = Some(program),
+            Action::TrustProbe(is_checked) => self.is_probe_checked = is_checked,
         }
     }
 
@@ -200,6 +213,7 @@ impl Model {
                 self.machine.is_there = false;
                 self.machine.homed = None;
                 self.unanswered.clear();
+                self.forget_machine();
             }
             Reply::Control(control) => self.control = Some(control),
             Reply::Events(events) => {
@@ -212,7 +226,7 @@ impl Model {
 
     fn event(&mut self, event: Event, time_ms: u32) {
         match event {
-            Event::State(state) => self.machine = *state,
+            Event::State(state) => self.take_state(*state),
             Event::Line { is_sent, text } => self.take_line(is_sent, text, time_ms),
             Event::Answer {
                 number,
@@ -226,6 +240,13 @@ impl Model {
         }
     }
 
+    fn take_state(&mut self, state: State) {
+        self.machine = state;
+        let is_closed = self.machine.pins.contains('P');
+        self.is_probe_checked |= self.was_probe_closed && !is_closed;
+        self.was_probe_closed |= is_closed;
+    }
+
     fn take_line(&mut self, is_sent: bool, text: String, time_ms: u32) {
         let source = if is_sent {
             LineSource::Operator
@@ -234,6 +255,10 @@ impl Model {
         };
         let is_report = match Line::read(&text) {
             Line::Report(_) => true,
+            Line::Welcome if !is_sent => {
+                self.welcome.clone_from(&text);
+                false
+            }
             Line::Setting(number, value) if !is_sent => {
                 self.take_setting(number, value);
                 false
@@ -253,7 +278,11 @@ impl Model {
         let Some(text) = self.unanswered.remove(&number) else {
             return;
         };
-        if let Some(error) = response.strip_prefix("error:") {
+        let is_question = QUESTIONS.contains(&text.as_str()) || text.starts_with(DESCRIPTION);
+        if text.starts_with("$I") && response.starts_with("error:") {
+            // A machine that does not know the question has nothing to say: that is an answer.
+            self.answers.insert(text, Rc::default());
+        } else if let Some(error) = response.strip_prefix("error:") {
             let number = error.trim().parse().ok();
             let meaning = number.and_then(grbl_client::meaning::error_with_remedy);
             let meaning = meaning.map_or_else(String::new, |meaning| format!(", {meaning}"));
@@ -262,9 +291,18 @@ impl Model {
             // The machine was reset.
         } else if let Line::Setting(number, value) = Line::read(&text) {
             self.take_setting(number, value);
-        } else if QUESTIONS.contains(&text.as_str()) {
+        } else if is_question {
             self.answers.insert(text, Rc::new(lines));
         }
+    }
+
+    /// Another machine may answer, or the same one with other firmware or another probe.
+    fn forget_machine(&mut self) {
+        self.answers
+            .retain(|question, _| !question.starts_with("$I"));
+        self.welcome.clear();
+        self.is_probe_checked = false;
+        self.was_probe_closed = false;
     }
 
     fn push(&mut self, time_ms: u32, source: LineSource, text: String) {
@@ -350,6 +388,42 @@ mod tests {
         control.is_mine = false;
         model.act(Action::Reply(Reply::Control(control), 0));
         assert!(model.is_there() && !model.takes_lines() && !model.may_jog());
+    }
+
+    #[test]
+    fn a_probe_is_checked_when_it_was_closed_and_is_open_again() {
+        let with = |pins: &str| {
+            let machine = State {
+                pins: pins.into(),
+                ..State::default()
+            };
+            Event::State(Box::new(machine))
+        };
+        let is_checked =
+            |pins: &[&str]| after(pins.iter().map(|pins| with(pins)).collect()).is_probe_checked;
+        assert!(!is_checked(&["", "X", ""]) && !is_checked(&["P"]));
+        assert!(is_checked(&["P", "Z"]) && is_checked(&["", "PZ", "", "P"]));
+        let mut model = after(vec![with("P"), with("")]);
+        model.act(Action::Reply(Reply::Disconnected(String::new()), 1));
+        assert!(!model.is_probe_checked);
+        model.act(Action::TrustProbe(true));
+        assert!(model.is_probe_checked);
+    }
+
+    #[test]
+    fn a_machine_that_does_not_say_what_it_is_has_answered() {
+        let mut model = after(Vec::new());
+        for (number, question) in ["$I+", "$I"].into_iter().enumerate() {
+            let number = number as u32 + 7;
+            model.act(Action::Sent(number, question.into()));
+            let events = vec![answer(number, "error:3"), line("Grbl 0.9j ['$' for help]")];
+            model.act(Action::Reply(Reply::Events(events), 6));
+            assert_eq!(
+                model.answers.get(question).map(|lines| lines.len()),
+                Some(0)
+            );
+        }
+        assert!(model.note.is_empty() && model.welcome.starts_with("Grbl 0.9j"));
     }
 
     #[test]

@@ -1,7 +1,10 @@
 //! Which machine, and whether there is a line to it.
 
+mod identity;
+
 use std::{cell::RefCell, rc::Rc};
 
+use gloo_events::{EventListener, EventListenerOptions};
 use gloo_timers::callback::Timeout;
 use wasm_bindgen_futures::spawn_local;
 use web_sys::{HtmlInputElement, HtmlSelectElement};
@@ -12,6 +15,7 @@ use crate::{
     model::{Connection, Model},
     wire::{Transport, choose_port, has_serial},
 };
+use identity::{about, use_identity};
 
 /// The baud rates that machines have; the usual one first.
 const BAUDS: [u32; 5] = [115_200, 230_400, 460_800, 921_600, 1_000_000];
@@ -57,6 +61,22 @@ fn words(model: &Model) -> String {
         },
         Connection::Open => "connected, but no machine answers".into(),
     }
+}
+
+/// A page whose worker sends the job says so before it is closed.
+#[hook]
+fn use_leave_warning(context: &PageContext) {
+    let is_sending = context.link.has_choice() && context.model.is_job_running();
+    use_effect_with(is_sending, |is_sending| {
+        let window = web_sys::window().filter(|_| *is_sending);
+        let options = EventListenerOptions::enable_prevent_default();
+        let listener = window.map(|window| {
+            EventListener::new_with_options(&window, "beforeunload", options, |event| {
+                event.prevent_default();
+            })
+        });
+        move || drop(listener)
+    });
 }
 
 /// What the operator wants to be connected to, and whether there was a machine: then a line that is lost is opened again.
@@ -118,6 +138,8 @@ pub fn ConnectionArea() -> Html {
     let choice = use_state(ConnectionForm::default);
     let wish = use_mut_ref(Wish::default);
     use_again(&context, wish.clone());
+    use_identity(&context);
+    use_leave_warning(&context);
     let is_closed = matches!(context.model.connection, Connection::Closed(_))
         && wish.borrow().again(&context.model.connection).is_none();
     let words = words(&context.model);
@@ -130,6 +152,7 @@ pub fn ConnectionArea() -> Html {
         return html! {
             <section class="connection" aria-label="Connection">
                 { status }
+                { about(&context) }
                 if context.model.is_watching() {
                     <button id="take-control" type="button" class="main" onclick={take}>{ "Take control" }</button>
                 }
@@ -156,6 +179,8 @@ pub fn ConnectionArea() -> Html {
                 <button id="connect" class="main">{ label }</button>
             </form>
             { status }
+            { about(&context) }
+            <a href="index.html#boards">{ "Install firmware" }</a>
         </section>
     }
 }
