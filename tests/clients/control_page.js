@@ -236,6 +236,8 @@ async function probed(page) {
   await fill(page, '#probe-search', '150');
   await fill(page, '#probe-feed', '3000');
   check((await text(page, '.probe .hint')).includes('Z -150.0 to +0.0'), 'the motion is told before');
+  check(await page.$eval('#probe', (button) => button.disabled), 'a probe that was not checked is not used');
+  await click(page, '#probe-checked');
   await click(page, '#probe');
   await isState(page, 'Running');
   const note = async () => (await page.$('#note') ? text(page, '#note') : '');

@@ -12,6 +12,8 @@ use crate::{context::use_page_context, model::Model};
 fn obstacle(model: &Model) -> Option<&'static str> {
     if !model.is_there() {
         Some("connect to a machine first")
+    } else if model.is_watching() {
+        Some("another page controls the machine: take control first")
     } else if model.program.is_none() {
         Some("open a program first")
     } else {
@@ -131,7 +133,8 @@ pub fn Job() -> Html {
             if may_take_lines(model) {
                 <button id="take-lines" type="button" onclick={command(Command::TakeLines)}>{ "Jog and probe" }</button>
             }
-            <button id="stop" type="button" disabled={!is_running} onclick={command(Command::Stop)}>{ "Stop" }</button>
+            <button id="stop" type="button" disabled={!is_running || model.is_watching()}
+                onclick={command(Command::Stop)}>{ "Stop" }</button>
             if !is_running {
                 <p class="hint">{ obstacle.map_or_else(|| spindle_words(model), Into::into) }</p>
             }
@@ -158,7 +161,8 @@ fn shown(job: &JobState) -> Html {
 #[component]
 pub fn HoldBar() -> Html {
     let context = use_page_context();
-    let is_there = context.model.is_there();
+    // Any page may hold the machine; the one that controls it has it go on.
+    let (is_there, may_operate) = (context.model.is_there(), context.model.may_operate());
     let byte = |byte| {
         let context = context.clone();
         Callback::from(move |_: MouseEvent| context.byte(byte))
@@ -166,7 +170,7 @@ pub fn HoldBar() -> Html {
     html! {
         <div class="hold-bar" role="group" aria-label="Hold and resume">
             <button id="hold" type="button" disabled={!is_there} onclick={byte(realtime::HOLD)}>{ "Hold" }</button>
-            <button id="resume" type="button" disabled={!is_there} onclick={byte(realtime::RESUME)}>{ "Resume" }</button>
+            <button id="resume" type="button" disabled={!may_operate} onclick={byte(realtime::RESUME)}>{ "Resume" }</button>
         </div>
     }
 }

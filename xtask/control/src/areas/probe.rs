@@ -5,7 +5,11 @@ use serde::{Deserialize, Serialize};
 use web_sys::{HtmlInputElement, HtmlSelectElement};
 use yew::prelude::*;
 
-use crate::{context::use_page_context, model::Model, storage};
+use crate::{
+    context::use_page_context,
+    model::{Action, Model},
+    storage,
+};
 
 /// Under which name the form is kept.
 const KEPT: &str = "probing";
@@ -103,12 +107,16 @@ impl ProbingForm {
 fn obstacle(model: &Model, form: &ProbingForm) -> Option<String> {
     let text = if !model.is_there() {
         "connect to a machine first"
+    } else if model.is_watching() {
+        "another page controls the machine: take control first"
     } else if model.state_name() != "Idle" || model.is_job_running() {
         "the machine has to be idle first"
     } else if model.machine.accessories.contains(['S', 'C']) {
         "the spindle turns: stop it first"
     } else if model.machine.pins.contains('P') {
         "the probe is closed already: move it off the contact, or look at its wires"
+    } else if !model.is_probe_checked {
+        "touch the tool with the plate once, by hand: the page has not seen the probe close and open yet"
     } else if form.target == "tool" && model.machine.reference_mm.is_none() {
         "measure the reference tool first"
     } else {
@@ -230,11 +238,35 @@ pub fn ProbeArea() -> Html {
             }
             { picture(&places) }
             <p class="hint">{ "At most " }{ extents(&places) }{ ", each contact twice" }</p>
+            <ProbeCheck />
             <button id="probe" type="button" disabled={obstacle.is_some() || is_probing} onclick={begin}>
                 { "Probe" }</button>
             <button id="probe-stop" type="button" disabled={!is_probing} onclick={stop}>{ "Stop" }</button>
             if let Some(obstacle) = obstacle.filter(|_| !is_probing) { <p class="hint">{ obstacle }</p> }
         </section>
+    }
+}
+
+/// Whether the probe is known to work: seen by the page, or said by the operator.
+#[component]
+fn ProbeCheck() -> Html {
+    let context = use_page_context();
+    let is_checked = context.model.is_probe_checked;
+    let trust = {
+        let context = context.clone();
+        Callback::from(move |event: Event| {
+            let input = event.target_unchecked_into::<HtmlInputElement>();
+            context.model.dispatch(Action::TrustProbe(input.checked()));
+        })
+    };
+    let is_closed = context.model.machine.pins.contains('P');
+    html! {
+        <p class="checked">
+            <label><input id="probe-checked" type="checkbox" checked={is_checked}
+                disabled={!context.model.may_operate()} onchange={trust} />{ " the probe was checked" }</label>
+            if context.model.is_there() { <span class={classes!(is_closed.then_some("closed"))}>
+                { if is_closed { "closed now" } else { "open now" } }</span> }
+        </p>
     }
 }
 
@@ -257,6 +289,8 @@ mod tests {
         model.machine.pins = "ZP".into();
         assert!(says(&model, &form).contains("closed already"));
         model.machine.pins = "Z".into();
+        assert!(says(&model, &form).contains("touch the tool with the plate"));
+        model.is_probe_checked = true;
         assert_eq!(obstacle(&model, &form), None);
         form.values[2] = f64::NAN;
         assert!(says(&model, &form).contains("the search"));

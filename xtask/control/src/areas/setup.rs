@@ -5,6 +5,7 @@ use leadscrew::axis::LETTERS;
 use yew::prelude::*;
 
 use crate::{
+    areas::state::coordinate,
     context::{PageContext, use_page_context},
     model::Model,
 };
@@ -44,6 +45,27 @@ fn lines_to_zero(model: &Model) -> Vec<String> {
     lines
 }
 
+/// How fast Z goes to zero, mm/min: it may come down near the workpiece.
+const Z_FEED: f64 = 500.0;
+
+/// What a button does that leads Z to the zero of the work system, and the line that does so; nothing where Z is there.
+fn z_to_zero(model: &Model) -> Option<(String, String)> {
+    let (unit, word, feed) = if model.machine.reports_inches {
+        ("in", "G20", Z_FEED / 25.4)
+    } else {
+        ("mm", "G21", Z_FEED)
+    };
+    let z = *model.machine.work.get(2)?;
+    let distance = coordinate(z.abs());
+    let verb = match z {
+        _ if distance == "0.000" => return None,
+        z if z > 0.0 => "Lower",
+        _ => "Raise",
+    };
+    let line = format!("$J=G90{word}Z0F{feed:.0}");
+    Some((format!("{verb} Z by {distance} {unit} to zero"), line))
+}
+
 /// A button that sends a line.
 fn line_button(context: &PageContext, text: &str, name: &str, line: String, is_on: bool) -> Html {
     let context = context.clone();
@@ -59,7 +81,7 @@ pub fn SetupArea() -> Html {
     let context = use_page_context();
     let model = &*context.model;
     let axes = model.machine.machine.len();
-    let is_locked = model.is_there() && model.state_name() == "Alarm";
+    let is_locked = model.may_operate() && model.state_name() == "Alarm";
     let may_home = is_locked || (model.takes_lines() && model.state_name() == "Idle");
     let reset = {
         let context = context.clone();
@@ -97,10 +119,20 @@ pub fn SetupArea() -> Html {
             </div>
             <div role="group" aria-label="Locks">
                 { line_button(&context, "Unlock", "Unlock", "$X".into(), is_locked) }
-                <button type="button" disabled={!model.is_there()} onclick={reset}>{ "Reset" }</button>
+                <button type="button" disabled={!model.may_operate()} onclick={reset}>{ "Reset" }</button>
             </div>
             <GoToZero />
+            <div role="group" aria-label="Z to zero">{ z_button(&context) }</div>
         </section>
+    }
+}
+
+/// Z to the zero of the work system.
+fn z_button(context: &PageContext) -> Html {
+    let model = &*context.model;
+    match z_to_zero(model) {
+        Some((text, line)) => line_button(context, &text, &text, line, model.may_jog()),
+        None => html! { <button type="button" disabled=true>{ "Z to zero" }</button> },
     }
 }
 
@@ -165,6 +197,21 @@ mod tests {
     fn zeros_are_of_the_present_work_system() {
         assert_eq!(zero_line([2]), "G10L20P0Z0");
         assert_eq!(zero_line(0..4), "G10L20P0X0Y0Z0A0");
+    }
+
+    #[test]
+    fn z_to_zero_names_what_it_does() {
+        let at = |z_mm: f64| {
+            let mut model = Model::default();
+            model.machine.work = vec![1.0, 2.0, z_mm];
+            z_to_zero(&model)
+        };
+        let (text, line) = at(12.5).unwrap();
+        assert_eq!(text, "Lower Z by 12.500 mm to zero");
+        assert_eq!(line, "$J=G90G21Z0F500");
+        assert!(at(-3.0).is_some_and(|(text, _)| text == "Raise Z by 3.000 mm to zero"));
+        assert_eq!(at(0.000_4), None);
+        assert_eq!(z_to_zero(&Model::default()), None);
     }
 
     #[test]

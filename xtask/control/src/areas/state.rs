@@ -41,6 +41,8 @@ pub(crate) fn state_class(model: &Model) -> &'static str {
         "Hold" | "Door" | "Tool" => "hold",
         "Jog" | "Home" => "jog",
         "Alarm" => "alarm",
+        "Check" => "check",
+        "Sleep" => "sleep",
         _ => "other",
     }
 }
@@ -95,8 +97,17 @@ fn mode(state: &State, is_of_group: impl Fn(&str) -> bool) -> String {
     word.cloned().unwrap_or_default()
 }
 
-/// Work system, unit and tool.
-fn mode_words(state: &State) -> [(&'static str, String); 3] {
+/// A value as it is, and as it was set by a word of `$G`.
+fn with_set(now: f64, unit: &str, state: &State, letter: char) -> String {
+    let set = mode(state, |word| word.starts_with(letter));
+    match set[set.len().min(1)..].parse::<f64>() {
+        Ok(set) => format!("{now:.0} {unit}, set {set:.0}"),
+        Err(_) => format!("{now:.0} {unit}"),
+    }
+}
+
+/// Work system, unit, distances and tool.
+fn mode_words(state: &State) -> [(&'static str, String); 4] {
     let system = mode(state, |word| {
         let number = word.strip_prefix('G').and_then(|it| it.parse::<f64>().ok());
         number.is_some_and(|number| (54.0..60.0).contains(&number))
@@ -106,8 +117,18 @@ fn mode_words(state: &State) -> [(&'static str, String); 3] {
         "G21" => "mm (G21)".into(),
         _ => String::new(),
     };
+    let distances = match mode(state, |word| matches!(word, "G90" | "G91")).as_str() {
+        "G90" => "absolute (G90)".to_owned(),
+        "G91" => "relative (G91)".into(),
+        _ => String::new(),
+    };
     let tool = mode(state, |word| word.starts_with('T'));
-    [("Work system", system), ("Unit", unit), ("Tool", tool)]
+    [
+        ("Work system", system),
+        ("Unit", unit),
+        ("Distances", distances),
+        ("Tool", tool),
+    ]
 }
 
 /// An override with its value, and the texts and bytes of its buttons.
@@ -177,6 +198,7 @@ pub fn StateArea() -> Html {
             </table>
             { values(state, unit) }
             <Overrides />
+            <Accessories />
         </section>
     }
 }
@@ -184,8 +206,11 @@ pub fn StateArea() -> Html {
 /// What is beside the position, by names.
 fn values(state: &State, unit: &str) -> Html {
     let mut values = vec![
-        ("Feed", format!("{:.0} {unit}/min", state.feed)),
-        ("Spindle", format!("{:.0} rpm", state.spindle)),
+        (
+            "Feed",
+            with_set(state.feed, &format!("{unit}/min"), state, 'F'),
+        ),
+        ("Spindle", with_set(state.spindle, "rpm", state, 'S')),
         ("Accessories", accessory_words(&state.accessories)),
         ("Inputs", pin_words(&state.pins)),
     ];
@@ -203,7 +228,7 @@ fn values(state: &State, unit: &str) -> Html {
 #[component]
 fn Overrides() -> Html {
     let context = use_page_context();
-    let is_off = !context.model.is_there();
+    let is_off = !context.model.may_operate();
     let rows = overrides(&context.model.machine).map(|(name, value, buttons)| {
         let buttons = buttons.map(|(text, byte)| {
             let context = context.clone();
@@ -220,6 +245,47 @@ fn Overrides() -> Html {
         }
     });
     html! { <div class="overrides">{ for rows }</div> }
+}
+
+/// Coolant, and the spindle in a hold.
+#[component]
+fn Accessories() -> Html {
+    let context = use_page_context();
+    let model = &*context.model;
+    let buttons = [
+        (
+            "Flood",
+            realtime::FLOOD_TOGGLE,
+            Some('F'),
+            model.may_operate(),
+        ),
+        (
+            "Mist",
+            realtime::MIST_TOGGLE,
+            Some('M'),
+            model.may_operate(),
+        ),
+        (
+            "Spindle off or on",
+            realtime::SPINDLE_STOP,
+            None,
+            may_stop_spindle(model),
+        ),
+    ];
+    let buttons = buttons.map(|(text, byte, letter, is_on)| {
+        let pressed = letter.map(|letter| model.machine.accessories.contains(letter).to_string());
+        let press = {
+            let context = context.clone();
+            Callback::from(move |_: MouseEvent| context.byte(byte))
+        };
+        html! { <button type="button" disabled={!is_on} aria-pressed={pressed} onclick={press}>{ text }</button> }
+    });
+    html! { <div class="accessories" role="group" aria-label="Coolant, and the spindle in a hold">{ for buttons }</div> }
+}
+
+/// The spindle is stopped by hand in a hold alone.
+fn may_stop_spindle(model: &Model) -> bool {
+    model.may_operate() && model.machine.state == "Hold:0"
 }
 
 #[cfg(test)]
@@ -249,12 +315,26 @@ mod tests {
             ("Alarm", "Alarm: locked", "alarm"),
             ("Home", "Homing", "jog"),
             ("Tool", "Change of the tool", "hold"),
+            ("Check", "Check: nothing moves", "check"),
+            ("Sleep", "Asleep: reset to wake up", "sleep"),
             ("<b>", "Unknown state", "other"),
         ] {
             let model = model(state);
             assert_eq!((state_words(&model), state_class(&model)), (words, class));
         }
         assert_eq!(state_words(&Model::default()), "No machine");
+    }
+
+    #[test]
+    fn the_spindle_is_stopped_by_hand_in_a_hold_alone() {
+        for (state, may) in [
+            ("Hold:0", true),
+            ("Hold:1", false),
+            ("Run", false),
+            ("Idle", false),
+        ] {
+            assert_eq!(may_stop_spindle(&model(state)), may, "{state}");
+        }
     }
 
     #[test]
@@ -268,7 +348,9 @@ mod tests {
             ..State::default()
         };
         let words = mode_words(&state).map(|(_, word)| word);
-        assert_eq!(words, ["G54", "mm (G21)", "T3"]);
+        assert_eq!(words, ["G54", "mm (G21)", "absolute (G90)", "T3"]);
+        assert_eq!(with_set(95.4, "mm/min", &state, 'F'), "95 mm/min, set 100");
+        assert_eq!(with_set(0.0, "rpm", &state, 'S'), "0 rpm");
         assert_eq!(coordinate(-0.000_4), "0.000");
         assert_eq!(coordinate(-1.5), "-1.500");
     }

@@ -147,7 +147,7 @@ pub fn TablesArea() -> Html {
     });
     let tools: Vec<_> = tools.collect();
     html! {
-        <section class="tables" aria-label="Work systems and tools">
+        <section class="tables" tabindex="0" aria-label="Work systems and tools">
             <h2>{ "Work systems and tools" }</h2>
             <button id="read-tables" type="button" disabled={!may_set} onclick={read}>{ "Read" }</button>
             if axes > 0 {
