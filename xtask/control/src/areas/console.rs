@@ -6,6 +6,7 @@ use yew::prelude::*;
 use crate::{
     context::use_page_context,
     model::{Action, LineSource, LogEntry},
+    storage,
 };
 
 /// The lines that are shown; the others are kept.
@@ -51,15 +52,40 @@ fn time(ms: u32) -> String {
     format!("{hours:02}:{minutes:02}:{seconds:02}.{:03}", ms % 1000)
 }
 
+/// The name of the file with all lines.
+const FILE: &str = "console.txt";
+
+fn mark(source: LineSource) -> &'static str {
+    match source {
+        LineSource::Operator => "→",
+        LineSource::Machine => "←",
+        LineSource::Note => "•",
+    }
+}
+
+/// The lines as a text, the oldest first.
+fn as_text<'a>(log: impl IntoIterator<Item = &'a LogEntry>) -> String {
+    let lines = log.into_iter().map(|entry| {
+        let LogEntry {
+            time_ms,
+            source,
+            text,
+            ..
+        } = entry;
+        format!("{} {} {text}\n", time(*time_ms), mark(*source))
+    });
+    lines.collect()
+}
+
 /// A line of the console.
 fn row(entry: &LogEntry) -> Html {
-    let (class, mark) = match entry.source {
-        LineSource::Operator => ("sent", "→"),
-        LineSource::Machine => ("received", "←"),
-        LineSource::Note => ("note", "•"),
+    let class = match entry.source {
+        LineSource::Operator => "sent",
+        LineSource::Machine => "received",
+        LineSource::Note => "note",
     };
     html! {
-        <li key={entry.number} {class}><time>{ time(entry.time_ms) }</time><i aria-hidden="true">{ mark }</i>
+        <li key={entry.number} {class}><time>{ time(entry.time_ms) }</time><i aria-hidden="true">{ mark(entry.source) }</i>
             <code>{ &entry.text }</code></li>
     }
 }
@@ -117,15 +143,27 @@ pub fn ConsoleArea() -> Html {
         let model = context.model.dispatcher();
         Callback::from(move |_: MouseEvent| model.dispatch(Action::Clear))
     };
+    let help = {
+        let context = context.clone();
+        // A machine lists its own lines.
+        Callback::from(move |_: MouseEvent| context.line("$"))
+    };
+    let save = {
+        let context = context.clone();
+        Callback::from(move |_: MouseEvent| storage::save_file(FILE, &as_text(&context.model.log)))
+    };
+    let may_type = model.may_operate();
     html! {
         <section class="console" aria-label="Console">
             <h2>{ "Console" }</h2>
             <form onsubmit={submit}>
                 <label>{ "Line " }<input id="line" autocomplete="off" spellcheck="false" value={(*text).clone()}
-                    oninput={typed} onkeydown={recalled} disabled={!model.is_there()} /></label>
-                <button disabled={!model.is_there()}>{ "Send" }</button>
+                    oninput={typed} onkeydown={recalled} disabled={!may_type} /></label>
+                <button disabled={!may_type}>{ "Send" }</button>
+                <button type="button" disabled={!may_type} onclick={help}>{ "Help" }</button>
                 <label><input type="checkbox" checked={model.shows_reports} onchange={show} />{ " status reports" }</label>
                 <button type="button" onclick={clear}>{ "Clear" }</button>
+                <button type="button" disabled={model.log.is_empty()} onclick={save}>{ "Save as file" }</button>
             </form>
             <ol id="log" tabindex="0" aria-label="Lines, the newest first">{ for rows }</ol>
         </section>
@@ -153,6 +191,21 @@ mod tests {
         }
         assert_eq!(history.lines.len(), MOST_TYPED);
         assert_eq!(history.back().unwrap(), "199");
+    }
+
+    #[test]
+    fn a_saved_console_has_times_and_directions() {
+        let entry = |source, text: &str| LogEntry {
+            number: 1,
+            time_ms: 3_723_004,
+            source,
+            text: text.into(),
+        };
+        let log = [
+            entry(LineSource::Operator, "$X"),
+            entry(LineSource::Machine, "ok"),
+        ];
+        assert_eq!(as_text(&log), "01:02:03.004 → $X\n01:02:03.004 ← ok\n");
     }
 
     #[test]

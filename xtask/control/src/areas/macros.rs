@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use gloo_events::EventListener;
 use serde::{Deserialize, Serialize};
+use wasm_bindgen::JsCast as _;
 use wasm_bindgen_futures::{JsFuture, spawn_local};
-use web_sys::{HtmlInputElement, HtmlTextAreaElement};
+use web_sys::{Element, HtmlInputElement, HtmlTextAreaElement};
 use yew::prelude::*;
 
 use crate::{context::use_page_context, storage};
@@ -19,6 +21,68 @@ struct Macro {
     name: String,
     /// Its lines; `{depth}` and `{depth=2}` are asked for.
     text: String,
+    /// The key that runs it, as browsers name keys; empty without.
+    #[serde(default)]
+    key: String,
+}
+
+/// Where keys have a meaning of their own.
+const FIELDS: &str = "input, select, textarea, summary, #pad";
+
+/// A key as it is kept, if a macro may have it: a letter, a digit, a sign, or one of the keys with F that are free.
+fn usable_key(key: &str) -> Option<String> {
+    let is_sign = key.chars().count() == 1
+        && key
+            .chars()
+            .all(|sign| !sign.is_whitespace() && !sign.is_control());
+    let is_free = matches!(key, "F2" | "F3" | "F4" | "F6" | "F7" | "F8" | "F9" | "F10");
+    (is_sign || is_free).then(|| key.to_uppercase())
+}
+
+/// The macro of a key.
+fn of_key<'a>(macros: &'a [Macro], key: &str) -> Option<&'a Macro> {
+    let key = usable_key(key)?;
+    macros.iter().find(|which| which.key == key)
+}
+
+/// The macros with another one, in place of the one that has its name; a key belongs to the last that wants it.
+fn with(macros: &[Macro], added: Macro) -> Vec<Macro> {
+    let mut changed = macros.to_vec();
+    for other in &mut changed {
+        if other.key == added.key {
+            other.key.clear();
+        }
+    }
+    match changed.iter_mut().find(|other| other.name == added.name) {
+        Some(same) => *same = added,
+        None => changed.push(added),
+    }
+    changed
+}
+
+/// Has a callback do something at each key that is pressed beside the fields, alone and anew.
+#[hook]
+fn use_keys(on_key: Callback<String, bool>) {
+    let latest = use_mut_ref(|| on_key.clone());
+    *latest.borrow_mut() = on_key;
+    use_effect_with((), move |()| {
+        let document = web_sys::window().and_then(|window| window.document());
+        let options = gloo_events::EventListenerOptions::enable_prevent_default();
+        let listener = document.map(|document| {
+            EventListener::new_with_options(&document, "keydown", options, move |event| {
+                let event: &KeyboardEvent = event.unchecked_ref();
+                let target = event.target().and_then(|it| it.dyn_into::<Element>().ok());
+                let is_in_field =
+                    target.is_some_and(|it| it.closest(FIELDS).ok().flatten().is_some());
+                let is_with_other =
+                    event.ctrl_key() || event.alt_key() || event.meta_key() || event.repeat();
+                if !is_in_field && !is_with_other && latest.borrow().emit(event.key()) {
+                    event.prevent_default();
+                }
+            })
+        });
+        move || drop(listener)
+    });
 }
 
 /// The values that a text asks for, in order, with what is usual.
@@ -89,17 +153,29 @@ pub fn MacroArea() -> Html {
             Err(wrong) => fault.set(wrong),
         }
     };
+    let begin = {
+        let (run, asked) = (run.clone(), asked.clone());
+        move |which: &Macro| {
+            let wanted: BTreeMap<_, _> = parameters(&which.text).into_iter().collect();
+            if wanted.is_empty() {
+                run(which, &wanted);
+            } else {
+                asked.set(Some((which.clone(), wanted)));
+            }
+        }
+    };
+    let by_key = {
+        let (macros, begin) = (macros.clone(), begin.clone());
+        Callback::from(move |key: String| {
+            let which = of_key(&macros, &key).filter(|_| may_run);
+            which.inspect(|which| begin(which)).is_some()
+        })
+    };
+    use_keys(by_key);
     let rows = macros.iter().enumerate().map(|(index, which)| {
         let press = {
-            let (which, run, asked) = (which.clone(), run.clone(), asked.clone());
-            Callback::from(move |_: MouseEvent| {
-                let wanted: BTreeMap<_, _> = parameters(&which.text).into_iter().collect();
-                if wanted.is_empty() {
-                    run(&which, &wanted);
-                } else {
-                    asked.set(Some((which.clone(), wanted)));
-                }
-            })
+            let (which, begin) = (which.clone(), begin.clone());
+            Callback::from(move |_: MouseEvent| begin(&which))
         };
         let edit = {
             let (which, edited) = (which.clone(), edited.clone());
@@ -114,7 +190,9 @@ pub fn MacroArea() -> Html {
             })
         };
         html! {
-            <li><button type="button" disabled={!may_run} onclick={press}>{ &which.name }</button>
+            <li><button type="button" disabled={!may_run} onclick={press}
+                aria-keyshortcuts={(!which.key.is_empty()).then(|| which.key.clone())}>{ &which.name }
+                    if !which.key.is_empty() { <kbd>{ &which.key }</kbd> }</button>
                 <button type="button" onclick={edit} aria-label={format!("Edit {}", which.name)}>{ "Edit" }</button>
                 <button type="button" onclick={remove} aria-label={format!("Remove {}", which.name)}>{ "Remove" }</button></li>
         }
@@ -126,10 +204,7 @@ pub fn MacroArea() -> Html {
             if edited.name.trim().is_empty() {
                 return;
             }
-            let mut changed = (*macros).clone();
-            changed.retain(|it| it.name != edited.name);
-            changed.push((*edited).clone());
-            keep(changed);
+            keep(with(&macros, (*edited).clone()));
             edited.set(Macro::default());
         })
     };
@@ -149,6 +224,23 @@ pub fn MacroArea() -> Html {
             let text = event.target_unchecked_into::<HtmlTextAreaElement>().value();
             edited.set(Macro {
                 text,
+                ..(*edited).clone()
+            });
+        })
+    };
+    let keyed = {
+        let edited = edited.clone();
+        Callback::from(move |event: KeyboardEvent| {
+            let key = match event.key().as_str() {
+                "Backspace" | "Delete" => String::new(),
+                key => match usable_key(key) {
+                    Some(key) => key,
+                    None => return,
+                },
+            };
+            event.prevent_default();
+            edited.set(Macro {
+                key,
                 ..(*edited).clone()
             });
         })
@@ -194,6 +286,8 @@ pub fn MacroArea() -> Html {
                     <label>{ "Name " }<input id="macro-name" value={edited.name.clone()} oninput={named} /></label>
                     <label>{ "Lines; {depth} or {depth=2} is asked for" }<textarea id="macro-text" rows="4"
                         spellcheck="false" value={edited.text.clone()} oninput={written} /></label>
+                    <label>{ "Key, if it is to have one " }<input id="macro-key" autocomplete="off" readonly=true
+                        value={edited.key.clone()} onkeydown={keyed} placeholder="press it" /></label>
                     <button>{ "Keep" }</button>
                 </form>
                 <button type="button" disabled={macros.is_empty()} onclick={export}>{ "Save as file" }</button>
@@ -239,6 +333,43 @@ fn questions(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_key_belongs_to_one_macro_and_to_the_file() {
+        let named = |name: &str, key: &str| Macro {
+            name: name.into(),
+            key: key.into(),
+            ..Macro::default()
+        };
+        let macros = with(&with(&[], named("lift", "L")), named("park", "L"));
+        assert_eq!(macros, [named("lift", ""), named("park", "L")]);
+        assert_eq!(
+            of_key(&macros, "l").map(|which| which.name.as_str()),
+            Some("park")
+        );
+        assert_eq!(of_key(&macros, "Enter"), None);
+        let changed = with(&macros, named("lift", "F2"));
+        assert_eq!(changed, [named("lift", "F2"), named("park", "L")]);
+        let text = serde_json::to_string(&changed).unwrap();
+        assert_eq!(serde_json::from_str::<Vec<Macro>>(&text).unwrap(), changed);
+        // A file of older pages has no keys.
+        let old = r#"[{"name":"lift","text":""}]"#;
+        assert_eq!(
+            serde_json::from_str::<Vec<Macro>>(old).unwrap(),
+            [named("lift", "")]
+        );
+    }
+
+    #[test]
+    fn keys_with_a_meaning_are_left_alone() {
+        for key in [
+            "Tab", "Enter", " ", "Escape", "ArrowUp", "PageUp", "F5", "F11", "Shift",
+        ] {
+            assert_eq!(usable_key(key), None, "{key}");
+        }
+        assert_eq!(usable_key("a"), Some("A".into()));
+        assert_eq!(usable_key("F9"), Some("F9".into()));
+    }
 
     #[test]
     fn values_are_asked_for_once_and_filled_in() {

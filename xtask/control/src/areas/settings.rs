@@ -39,6 +39,27 @@ fn catalogue(model: &Model) -> Catalogue {
     }
 }
 
+/// How a machine is asked to describe a setting, where it says that it can.
+fn description_question(model: &Model, number: u16) -> Option<String> {
+    let can = model.answers.get("$I+").is_some_and(|lines| {
+        let mut options = lines.iter().filter_map(|line| match Line::read(line) {
+            Line::Answer("NEWOPT", options) => Some(options),
+            _ => None,
+        });
+        options.any(|options| options.split(',').any(|option| option == "SED"))
+    });
+    can.then(|| format!("$SED={number}"))
+}
+
+/// What a machine has said of a setting.
+fn described(model: &Model, number: u16) -> Option<String> {
+    let lines = model.answers.get(&format!("$SED={number}"))?;
+    lines.iter().find_map(|line| match Line::read(line) {
+        Line::Answer("SETTINGDESCR", text) => Some(text.split_once('|')?.1.replace("\\n", "\n")),
+        _ => None,
+    })
+}
+
 /// The values in a file of `$n=value` lines.
 fn values(text: &str) -> Values {
     let settings = text
@@ -80,6 +101,52 @@ struct RowProps {
     before: Option<AttrValue>,
     is_off: bool,
     onset: Callback<(u16, String)>,
+    /// What the machine has said of it, and how it is asked, where it can be.
+    help: Option<AttrValue>,
+    question: Option<AttrValue>,
+    on_ask: Callback<AttrValue>,
+}
+
+/// The values from which some kinds are summed up.
+fn summands(kind: &Kind) -> Vec<String> {
+    match kind {
+        Kind::Bits(names) => {
+            let names = names.iter().enumerate().filter(|(_, name)| *name != "N/A");
+            let bit = |bit: usize| 1_u32.checked_shl(bit as u32).unwrap_or(0);
+            names
+                .map(|(place, name)| format!("{} {name}", bit(place)))
+                .collect()
+        }
+        Kind::Axes => ["1 X", "2 Y", "4 Z", "8 A", "16 B", "32 C"]
+            .map(str::to_owned)
+            .to_vec(),
+        _ => Vec::new(),
+    }
+}
+
+/// What helps to set a value, in a fold: the machine is asked when it is opened.
+fn help(props: &RowProps) -> Html {
+    let summands = summands(&props.description.kind);
+    if summands.is_empty() && props.question.is_none() {
+        return Html::default();
+    }
+    let question = props
+        .question
+        .clone()
+        .filter(|_| props.help.is_none() && !props.is_off);
+    let on_ask = props.on_ask.clone();
+    let toggle = move |_: Event| {
+        if let Some(question) = &question {
+            on_ask.emit(question.clone());
+        }
+    };
+    let name = format!("Help for ${}", props.description.number);
+    html! {
+        <details ontoggle={toggle}><summary aria-label={name}>{ "Help" }</summary>
+            if let Some(help) = &props.help { <p>{ help }</p> }
+            if !summands.is_empty() { <p>{ "The sum of: " }{ summands.join(", ") }</p> }
+        </details>
+    }
 }
 
 #[component]
@@ -134,23 +201,17 @@ fn Row(props: &RowProps) -> Html {
         (Some(least), None) => format!("from {least}"),
         _ => String::new(),
     };
-    let bits = match kind {
-        Kind::Bits(names) => {
-            let names = names.iter().enumerate().filter(|(_, name)| *name != "N/A");
-            let names = names.map(|(bit, name)| {
-                format!("{} {name}", 1_u32.checked_shl(bit as u32).unwrap_or(0))
-            });
-            names.collect::<Vec<_>>().join(", ")
-        }
-        Kind::Axes => "1 X, 2 Y, 4 Z, 8 A, 16 B, 32 C".into(),
+    let range = match kind {
+        Kind::Bits(_) | Kind::Axes => String::new(),
         _ => range,
     };
     html! {
         <tr class={classes!(props.before.is_some().then_some("changed"))}>
             <th scope="row">{ format!("${number}") }</th>
-            <td><label for={format!("setting-{number}")}>{ name }</label><small>{ bits }</small>
+            <td><label for={format!("setting-{number}")}>{ name }</label><small>{ range }</small>
                 if let Some(before) = &props.before { <small>{ format!("was {before}") }</small> }
-                if let Some(fault) = &*fault { <small role="alert">{ fault }</small> }</td>
+                if let Some(fault) = &*fault { <small role="alert">{ fault }</small> }
+                { help(props) }</td>
             <td>{ field }{ " " }{ unit }</td>
         </tr>
     }
@@ -190,6 +251,10 @@ pub fn SettingsArea() -> Html {
             context.line(&format!("${number}={value}"));
         })
     };
+    let on_ask = {
+        let context = context.clone();
+        Callback::from(move |question: AttrValue| context.line(&question))
+    };
     let catalogue = catalogue(model);
     let groups = catalogue.by_group().map(|(name, settings)| {
         let rows = settings.into_iter().filter_map(|description| {
@@ -198,7 +263,10 @@ pub fn SettingsArea() -> Html {
             let before = before.cloned().map(AttrValue::from);
             let key = description.number;
             let (description, onset, is_off) = (description.clone(), onset.clone(), !may_ask);
-            Some(html! { <Row {key} {description} value={value} {before} {is_off} {onset} /> })
+            let help = described(model, key).map(AttrValue::from);
+            let question = description_question(model, key).map(AttrValue::from);
+            Some(html! { <Row {key} {description} value={value} {before} {is_off} {onset} {help} {question}
+                on_ask={on_ask.clone()} /> })
         });
         let rows: Vec<_> = rows.collect();
         if rows.is_empty() {
@@ -281,6 +349,32 @@ mod tests {
         let file = values("; a comment\n$110=500\r\n$32=0\n$999=1\n");
         assert_eq!(differences(&machine, &file), [(32, "1", "0")]);
         assert_eq!(values(&text(&machine)), machine);
+    }
+
+    #[test]
+    fn a_machine_that_describes_its_settings_is_asked() {
+        let mut model = Model::default();
+        assert_eq!(description_question(&model, 14), None);
+        let mut answer = |question: &str, line: &str| {
+            let lines = Rc::new(vec![line.to_owned()]);
+            model.answers.insert(question.into(), lines);
+        };
+        answer("$I+", "[NEWOPT:ENUMS,RT+,SED]");
+        answer("$SED=14", "[SETTINGDESCR:14|Inverts pins.\\nOff: high]");
+        assert_eq!(description_question(&model, 14), Some("$SED=14".into()));
+        assert_eq!(
+            described(&model, 14),
+            Some("Inverts pins.\nOff: high".into())
+        );
+        assert_eq!(described(&model, 15), None);
+    }
+
+    #[test]
+    fn what_a_sum_is_made_of_is_named() {
+        let bits = Kind::Bits(["spindle", "N/A", "flood"].map(str::to_owned).to_vec());
+        assert_eq!(summands(&bits), ["1 spindle", "4 flood"]);
+        assert_eq!(summands(&Kind::Axes)[2], "4 Z");
+        assert_eq!(summands(&Kind::Number).len(), 0);
     }
 
     #[test]
