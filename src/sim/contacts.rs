@@ -42,12 +42,33 @@ impl Switch {
     }
 }
 
+/// A block on the table: the positions of X, Y and Z at which the tool touches it, in physical steps from the position at
+/// power-up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Block {
+    /// The least position of each axis.
+    pub low: [i32; 3],
+    /// The greatest.
+    pub high: [i32; 3],
+    /// The inputs that a touch closes.
+    pub input: Levels,
+}
+
+impl Block {
+    /// Returns whether the tool touches it with the axes at `steps`.
+    fn is_touched_at(&self, steps: &Axes<i32>) -> bool {
+        let ends = self.low.iter().zip(&self.high);
+        { steps.iter().zip(ends) }.all(|(steps, (low, high))| (low..=high).contains(&steps))
+    }
+}
+
 /// The positions of the axes, and the contacts.
 #[derive(Debug)]
 pub(super) struct Contacts {
     switches: Vec<Switch, SWITCHES>,
     /// Those that second motors close.
     second_switches: Vec<Switch, GANGED_AXES>,
+    block: Option<Block>,
     /// Contacts that the operator closes.
     held: Levels,
     /// Position of each axis, steps from power-up: homing does not change it.
@@ -67,6 +88,7 @@ impl Contacts {
         Self {
             switches: Vec::new(),
             second_switches: Vec::new(),
+            block: None,
             held: Levels::NONE,
             steps: Axes([0; AXES]),
             second_steps: Axes([0; AXES]),
@@ -94,9 +116,15 @@ impl Contacts {
         switch.axis < AXES && self.switches.push(switch).is_ok()
     }
 
-    /// Takes away the switches of all axes.
+    /// Puts a block on the table, in place of any other.
+    pub(super) const fn put(&mut self, block: Block) {
+        self.block = Some(block);
+    }
+
+    /// Takes away the switches of all axes, and the block.
     pub(super) fn dismount(&mut self) {
         self.switches.clear();
+        self.block = None;
     }
 
     /// Mounts a switch that the second motor of an axis closes. Returns false without room.
@@ -153,6 +181,10 @@ impl Contacts {
                 closed = closed | switch.input;
             }
         }
+        let touched = self.block.filter(|block| block.is_touched_at(&steps));
+        if let Some(block) = touched {
+            closed = closed | block.input;
+        }
         let has_changed = closed != self.closed;
         self.closed = closed;
         has_changed
@@ -208,5 +240,26 @@ mod tests {
         assert!(contacts.update());
         assert!(!contacts.update());
         assert_eq!(contacts.closed, Levels::limits(1));
+    }
+
+    #[test]
+    fn a_block_is_touched_where_all_axes_are_within_it() {
+        let mut contacts = Contacts::new();
+        contacts.put(Block {
+            low: [-1, 2, -5],
+            high: [1, 3, -4],
+            input: Levels::PROBE,
+        });
+        for (place, closed) in [
+            ([0, 2, -4], Levels::PROBE),
+            ([1, 3, -5], Levels::PROBE),
+            ([2, 2, -4], Levels::NONE),
+            ([0, 1, -4], Levels::NONE),
+            ([0, 2, -3], Levels::NONE),
+        ] {
+            contacts.steps.0[..3].copy_from_slice(&place);
+            contacts.update();
+            assert_eq!(contacts.closed, closed, "{place:?}");
+        }
     }
 }

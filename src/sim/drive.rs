@@ -10,7 +10,7 @@ use rtic_core::Exclusive;
 
 use super::{
     Switch,
-    contacts::Contacts,
+    contacts::{Block, Contacts},
     platform::{VirtualPlatform, VirtualSteps, VirtualTimer},
     playback::{Origin, Playback, PlayedSegment},
 };
@@ -239,7 +239,13 @@ impl Drive {
         fits
     }
 
-    /// Takes away all switches that have been mounted by [`Self::mount`].
+    /// Puts a block on the table, in place of any other.
+    pub fn put(&mut self, block: Block) {
+        self.contacts.put(block);
+        self.update_contacts();
+    }
+
+    /// Takes away the block, and all switches that have been mounted by [`Self::mount`].
     pub fn dismount(&mut self) {
         self.contacts.dismount();
         self.update_contacts();

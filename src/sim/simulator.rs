@@ -1,6 +1,6 @@
 //! The whole simulated machine: bytes in, bytes and pin edges out.
 
-use super::{Drive, Edge, Flash, PlayedSegment, Switch};
+use super::{Block, Drive, Edge, Flash, PlayedSegment, Switch};
 #[cfg(feature = "usb")]
 use crate::usb::{Driver, Registers, SenderQueues, UsbControl};
 use crate::{
@@ -289,7 +289,12 @@ impl Simulator {
         self.drive.mount(switch)
     }
 
-    /// Takes away all switches that have been mounted by [`Simulator::mount`].
+    /// Puts a block on the table, in place of any other.
+    pub fn put(&mut self, block: Block) {
+        self.drive.put(block);
+    }
+
+    /// Takes away the block, and all switches that have been mounted by [`Simulator::mount`].
     pub fn dismount(&mut self) {
         self.drive.dismount();
     }

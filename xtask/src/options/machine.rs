@@ -69,7 +69,8 @@ pub struct Sim {
     #[arg(long, value_name = "ADDR:PORT")]
     pub usbip: Option<String>,
     /// Give the machine limit switches at the ends of its travel, in whose middle it stands, and a
-    /// probe plate 10 mm above the low end of Z
+    /// probe plate 10 mm above the low end of Z with a block on it, which is an eighth of the travel from the
+    /// low ends of X and Y, a quarter wide, and a tenth high
     #[arg(long, conflicts_with_all = ["on_target", "session"])]
     pub switches: bool,
     /// Give X, Y or Z a second motor with a limit switch of its own, so far ahead of the first one: 'Y=3' is a

@@ -74,7 +74,8 @@ pub struct View {
     #[arg(long, value_name = "FILE")]
     pub settings: Option<InputPath>,
     /// Give the machine limit switches at the ends of its travel, in whose middle it stands, and a
-    /// probe plate 10 mm above the low end of Z
+    /// probe plate 10 mm above the low end of Z with a block on it, which is an eighth of the travel from the
+    /// low ends of X and Y, a quarter wide, and a tenth high
     #[arg(long)]
     pub switches: bool,
     /// Where to write the page, instead of a temporary folder

@@ -15,6 +15,7 @@ const NO_SWITCHES: SwitchPositions = SwitchPositions {
     low: [i32::MIN; AXES],
     high: [i32::MAX; AXES],
     plate: i32::MIN,
+    block: None,
 };
 
 /// Homing with both orders of the axes, without a switch, and with the door opened meanwhile.
