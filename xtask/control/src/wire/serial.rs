@@ -12,6 +12,16 @@ use web_sys::{ReadableStreamDefaultReader, WritableStreamDefaultWriter};
 
 use super::{Wire, socket::Inbox};
 
+/// Bytes that the browser keeps until they are read: a worker that is late loses none.
+const BUFFER_BYTES: u32 = 1 << 16;
+/// Errors by which only bytes are lost: the port stays open, and has a new stream.
+const LOST_BYTES: [&str; 4] = [
+    "BufferOverrunError",
+    "BreakError",
+    "FramingError",
+    "ParityError",
+];
+
 #[wasm_bindgen]
 extern "C" {
     /// `navigator.serial`.
@@ -112,16 +122,14 @@ async fn run(
     let port: Port = ports.get(index).unchecked_into();
     let options = Object::new();
     Reflect::set(&options, &"baudRate".into(), &baud.into())?;
+    Reflect::set(&options, &"bufferSize".into(), &BUFFER_BYTES.into())?;
     JsFuture::from(port.open(&options)).await?;
-    let reader: ReadableStreamDefaultReader = port.readable().get_reader().unchecked_into();
     {
         let mut opened = opened.borrow_mut();
         opened.writer = Some(port.writable().get_writer()?);
-        opened.reader = Some(reader.clone());
         opened.inbox.is_open = true;
     }
-    let end = read(opened, &reader).await;
-    reader.release_lock();
+    let end = read(opened, &port).await;
     let writer = opened.borrow_mut().writer.take();
     if let Some(writer) = writer {
         // What was sent last, perhaps the end of a jog, is written before.
@@ -134,7 +142,28 @@ async fn run(
 }
 
 /// Reads until the port is closed.
-async fn read(
+async fn read(opened: &RefCell<Opened>, port: &Port) -> Result<(), JsValue> {
+    loop {
+        let reader: ReadableStreamDefaultReader = port.readable().get_reader().unchecked_into();
+        opened.borrow_mut().reader = Some(reader.clone());
+        let end = read_stream(opened, &reader).await;
+        reader.release_lock();
+        let only_loses_bytes = end.as_ref().is_err_and(loses_bytes);
+        if !only_loses_bytes || opened.borrow().is_dropped {
+            return end;
+        }
+    }
+}
+
+/// Whether the port is still open after an error.
+fn loses_bytes(error: &JsValue) -> bool {
+    let name = Reflect::get(error, &"name".into()).ok();
+    let name = name.and_then(|name| name.as_string());
+    name.is_some_and(|name| LOST_BYTES.contains(&&*name))
+}
+
+/// Reads a stream to its end.
+async fn read_stream(
     opened: &RefCell<Opened>,
     reader: &ReadableStreamDefaultReader,
 ) -> Result<(), JsValue> {

@@ -8,6 +8,21 @@ use web_sys::{BinaryType, MessageEvent, WebSocket};
 
 use super::Wire;
 
+/// What `FluidNC` says to the page that it serves itself, in messages of their own.
+const TO_ITS_PAGE: [&str; 3] = ["CURRENT_ID:", "ACTIVE_ID:", "PING:"];
+
+/// The bytes of the machine in a message of text.
+fn of_machine(text: String) -> Vec<u8> {
+    let is_to_its_page = TO_ITS_PAGE
+        .iter()
+        .any(|beginning| text.starts_with(beginning));
+    if is_to_its_page {
+        Vec::new()
+    } else {
+        text.into_bytes()
+    }
+}
+
 /// What has come, and why no more does.
 #[derive(Default)]
 pub(super) struct Inbox {
@@ -50,7 +65,7 @@ impl Socket {
             EventListener::new(&socket, "message", move |event| {
                 let data = event.unchecked_ref::<MessageEvent>().data();
                 let bytes = match data.as_string() {
-                    Some(text) => text.into_bytes(),
+                    Some(text) => of_machine(text),
                     None => js_sys::Uint8Array::new(&data).to_vec(),
                 };
                 received.borrow_mut().bytes.extend(bytes);
@@ -84,5 +99,18 @@ impl Wire for Socket {
 impl Drop for Socket {
     fn drop(&mut self) {
         let _ = self.socket.close();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_controller_says_to_its_own_page_is_not_the_machine() {
+        assert_eq!(of_machine("<Idle|MPos:0,0,0>\r\n".into()).len(), 19);
+        for text in ["CURRENT_ID:0", "ACTIVE_ID:0", "PING:0"] {
+            assert_eq!(of_machine(text.into()), b"");
+        }
     }
 }
