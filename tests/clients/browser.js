@@ -15,18 +15,19 @@ const PROTOCOL_TIMEOUT_MS = 600000;
 
 /**
  * A browser that sees nothing but this machine, and that ends with the script. A page that needs no `drawing` in
- * three dimensions does without, as processors would draw it here.
+ * three dimensions does without, as processors would draw it here. Of the usual arguments some can be left out.
  */
-function browse(what = '') {
+function browse(what = '', without = []) {
   const drawing = what === 'drawing'
     ? ['--use-angle=swiftshader', '--enable-unsafe-swiftshader']
     : ['--disable-3d-apis'];
   return puppeteer.launch({
     executablePath: process.env.CHROMIUM,
+    ignoreDefaultArgs: without,
     pipe: true,
     timeout: TIMEOUT_MS,
     protocolTimeout: PROTOCOL_TIMEOUT_MS,
-    userDataDir: path.resolve('profile'),
+    userDataDir: fs.mkdtempSync(path.resolve('profile-')),
     defaultViewport: { width: 1600, height: 1800 },
     args: [
       // It opens one page, and that page is ours: root, and a container, can have no sandbox.

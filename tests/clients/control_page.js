@@ -1,7 +1,8 @@
 /*
  * The control page in a browser without a window: an operator with the virtual machine, as wide as a screen from a
  * server, and as wide as a phone as a file. It unlocks, jogs by keyboard and mouse, sets zeros, runs a program with a
- * hold, changes a setting, probes, uses a macro, and homes; what is held while the page is left stops.
+ * hold, changes a setting, probes, uses a macro, and homes; what is held while the page is left stops. Then comes a day
+ * with a job of two tools, by mouse on the screen and by keyboard on the phone.
  *
  * Its argument is the page.
  */
@@ -12,47 +13,18 @@ const fs = require('fs');
 const { pathToFileURL } = require('url');
 
 const { check, run, until } = require('./cncjs');
-const { browse, newPage, serve } = require('./browser');
+const { browse, serve } = require('./browser');
+const { day } = require('./control/day');
+const { KEYBOARD, MOUSE } = require('./control/hands');
+const {
+  at, choose, click, delay, fill, isAt, isState, jogs, openFile, openPage, press, seen, state, text,
+} = require('./control/operator');
 
 const [, , pageFile] = process.argv;
 
 // A second in each direction, so that there is time for a hold.
 const PROGRAM = 'G21 G90\nG1 X5 F300\nY5\nX0\nY0\nX1.25 Y-2.5 (<b>)\n';
 const NAME = 'p <img src=x onerror=document.title=1>.nc';
-
-const delay = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-const text = (page, selector) => page.$eval(selector, (element) => element.textContent);
-const state = (page) => text(page, '#state');
-const at = (page, kind = 'work') => page.$$eval(`.readout .${kind}`, (cells) => cells.map((cell) => cell.textContent).join());
-const seen = async (page) => `${await state(page)} ${await at(page)}`;
-
-const isState = (page, wanted) => until(async () => await state(page) === wanted, `the state is ${wanted}`, () => seen(page));
-const isAt = (page, wanted, kind = 'work') => until(
-  async () => await state(page) === 'Idle' && await at(page, kind) === wanted,
-  `the machine stands at ${wanted}`,
-  () => seen(page),
-);
-
-/** Clicks what is not below the bar with hold and resume. */
-async function clickOn(element) {
-  await element.evaluate((found) => found.scrollIntoView({ block: 'center' }));
-  await element.click();
-}
-
-const click = async (page, selector) => clickOn(await page.$(selector));
-
-/** Presses a button by its name. */
-async function press(page, name) {
-  const found = await page.evaluateHandle((wanted) => [...document.querySelectorAll('button')].find(
-    (button) => (button.getAttribute('aria-label') ?? button.textContent) === wanted,
-  ), name);
-  check(found.asElement(), `there is a button ${name}`);
-  await until(() => found.evaluate((button) => !button.disabled), `${name} can be pressed`, () => seen(page));
-  await clickOn(found.asElement());
-}
-
-const choose = (page, step) => click(page, `input[name=step][value="${step}"]`);
-const jogs = (page) => page.$$eval('#log .sent code', (lines) => lines.filter((line) => line.textContent.startsWith('$J=')).length);
 
 async function connected(page) {
   check(await state(page) === 'No machine' && await page.$eval('#hold', (button) => button.disabled), 'nothing is connected at first');
@@ -177,8 +149,7 @@ async function edited(page) {
 
 async function ran(page) {
   fs.writeFileSync(NAME, PROGRAM);
-  await (await page.$('#file')).uploadFile(NAME);
-  await until(async () => (await text(page, '#run')).startsWith(`Run ${NAME} from line 1`), 'the program is taken', () => text(page, '#run'));
+  await openFile(page, NAME);
   await click(page, '#run');
   await isState(page, 'Running');
   await until(async () => await text(page, '#job') === '6 of 6 lines taken' && parseFloat(await at(page)) > 1, 'the job goes on', () => seen(page));
@@ -204,18 +175,6 @@ async function overridden(page) {
   await until(async () => await values() === '110 %,50 %,100 %', 'the overrides change', values);
   await press(page, 'Feed 100 %');
   await until(async () => await values() === '100 %,50 %,100 %', 'the feed is as programmed', values);
-}
-
-/** Types a value in place of another one, and leaves the field. */
-async function fill(page, selector, value) {
-  await page.$eval(selector, (field) => {
-    const fold = field.closest('details');
-    if (fold) fold.open = true;
-  });
-  await page.focus(selector);
-  await page.$eval(selector, (field) => field.select());
-  await page.keyboard.type(value);
-  await page.keyboard.press('Tab');
 }
 
 async function configured(page) {
@@ -286,38 +245,32 @@ async function disconnected(page) {
   await isState(page, 'Alarm: locked');
 }
 
-async function look(browser, address, { width, height, scheme }) {
-  const page = await newPage(browser);
-  await page.setViewport({ width, height });
-  await page.emulateMediaFeatures([{ name: 'prefers-color-scheme', value: scheme }]);
-  const faults = [];
-  page.on('pageerror', (error) => faults.push(error.message));
-  page.on('console', (message) => faults.push(`${message.type()}: ${message.text()}`));
-  page.on('request', (request) => {
-    const url = request.url();
-    if (url !== address && !url.startsWith('blob:') && !url.startsWith('data:')) faults.push(`asks for ${url}`);
-  });
+async function areas(page, browser) {
+  await connected(page);
+  await stepped(page);
+  await heldInManyWays(page, browser);
+  await wentToZero(page);
+  await typed(page);
+  await edited(page);
+  await ran(page);
+  await overridden(page);
+  await configured(page);
+  await probed(page);
+  await repeated(page);
+  await homed(page);
+  await disconnected(page);
+}
+
+async function look(browser, address, screen, hands) {
+  const { page, faults } = await openPage(browser, address, screen);
   try {
-    await page.goto(address);
-    await until(() => page.evaluate(() => document.body.dataset.ready === 'yes'), 'the page is there', () => faults.join());
-    await connected(page);
-    await stepped(page);
-    await heldInManyWays(page, browser);
-    await wentToZero(page);
-    await typed(page);
-    await edited(page);
-    await ran(page);
-    await overridden(page);
-    await configured(page);
-    await probed(page);
-    await repeated(page);
-    await homed(page);
-    await disconnected(page);
+    await areas(page, browser);
+    await day(page, hands, { measured: () => {}, hasBlock: true, feed: 5000 });
     const wide = await page.evaluate(() => document.documentElement.scrollWidth);
-    check(wide <= width, `the page is ${wide} pixels wide`);
+    check(wide <= screen.width, `the page is ${wide} pixels wide`);
     check(faults.length === 0, faults.join('\n'));
   } finally {
-    await page.screenshot({ path: `control-${width}-${scheme}.png`, fullPage: true });
+    await page.screenshot({ path: `control-${screen.width}-${screen.scheme}.png`, fullPage: true });
     await page.close();
   }
 }
@@ -327,8 +280,8 @@ async function main() {
   const server = await serve(pageFile, asked);
   const browser = await browse();
   try {
-    await look(browser, `http://127.0.0.1:${server.address().port}/`, { width: 1400, height: 900, scheme: 'light' });
-    await look(browser, pathToFileURL(pageFile).href, { width: 390, height: 844, scheme: 'dark' });
+    await look(browser, `http://127.0.0.1:${server.address().port}/`, { width: 1400, height: 900, scheme: 'light' }, MOUSE);
+    await look(browser, pathToFileURL(pageFile).href, { width: 390, height: 844, scheme: 'dark' }, KEYBOARD);
     check(asked.length === 0, `the server is asked for ${asked}`);
   } finally {
     await browser.close();

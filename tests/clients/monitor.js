@@ -15,24 +15,29 @@ const HOLD = '!';
 const SLOWLY = `\x90${'\x92'.repeat(9)}`;
 const FAST = `\x90${'\x91'.repeat(10)}`;
 
-/** Starts the monitor or the simulator, and waits until it tells an address. */
+/**
+ * Starts the monitor or the simulator, and waits until it tells an address; with `url`, as it is printed, the process
+ * itself, and what waits for its end.
+ */
 async function start(program, options) {
   // A program has the name of its command.
   const child = spawn(program, [path.basename(program), ...options], { stdio: ['ignore', 'ignore', 'pipe'] });
-  process.on('exit', () => child.kill());
+  const kill = () => child.kill();
+  process.on('exit', kill);
+  child.on('exit', () => process.off('exit', kill));
   const said = [];
   readline.createInterface({ input: child.stderr }).on('line', (line) => said.push(line));
-  let address;
+  let [url, address] = [];
   await until(() => {
     check(child.exitCode === null, `${program} has ended: ${said.join('\n')}`);
-    [, address] = said.join('\n').match(/:\/\/([\d.:]+)/) || [];
+    [url, address] = said.join('\n').match(/\w+:\/\/([\d.:]+)\S*/) || [];
     return address;
   }, `${program} tells an address`);
   const succeeds = async () => {
     await until(() => child.exitCode !== null, `${program} ends`);
     check(child.exitCode === 0, `${program} has failed: ${said.join('\n')}`);
   };
-  return { address, succeeds };
+  return { address, url, child, succeeds };
 }
 
 /** Starts the monitor with a job for the simulator, to which `press` sends realtime bytes, and `first` before all. */

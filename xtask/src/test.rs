@@ -136,7 +136,11 @@ fn rest() -> Vec<Check> {
             "a fault of each kind that the proof finds",
             &["--mutants=3"],
         ),
-        by(tools::CLIENTS, "sender programs", &["test", "--clients"]),
+        by(
+            tools::CLIENTS,
+            "sender programs",
+            &["test", "--clients", "--short"],
+        ),
     ];
     checks.extend(lints_and_all_cases());
     checks.extend(with_features());

@@ -31,7 +31,7 @@ use anyhow::{Context, Error, Result, anyhow, bail, ensure};
 use common::{
     check::{self, Check, Verdict},
     options::{self, Test, Verb},
-    tools,
+    tools, ui,
 };
 use leadscrew::settings::Settings;
 use rustix::process::{Pid, Signal};
@@ -87,10 +87,12 @@ enum Sender {
     Printcore,
     /// A client of our own that keeps the rules by which OctoPrint sends.
     OctoPrintRules,
+    /// The control page, in a browser without a window.
+    ControlPage(web::Way),
 }
 
 impl Sender {
-    const ALL: [Self; 10] = [
+    const ALL: [Self; 13] = [
         Self::Raw,
         Self::Ours,
         Self::GrblStreamer,
@@ -101,6 +103,9 @@ impl Sender {
         Self::CncjsPage,
         Self::Printcore,
         Self::OctoPrintRules,
+        Self::ControlPage(web::Way::Served),
+        Self::ControlPage(web::Way::Serial),
+        Self::ControlPage(web::Way::Socket),
     ];
 
     fn name(self) -> &'static str {
@@ -115,6 +120,15 @@ impl Sender {
             Self::CncjsPage => "cncjs' page",
             Self::Printcore => "printcore",
             Self::OctoPrintRules => "OctoPrint's rules",
+            Self::ControlPage(way) => way.name(),
+        }
+    }
+
+    /// What is added to the name of its script in that of the folder of a run.
+    fn variant(self) -> &'static str {
+        match self {
+            Self::ControlPage(way) => way.word(),
+            _ => "",
         }
     }
 
@@ -129,7 +143,12 @@ impl Sender {
     fn is_tried_at(self, place: Place) -> bool {
         match place {
             Place::Simulator => true,
-            Place::Firmware => matches!(self, Self::Ours | Self::Printcore),
+            Place::Firmware => {
+                matches!(
+                    self,
+                    Self::Ours | Self::Printcore | Self::ControlPage(web::Way::Served)
+                )
+            }
             Place::Board => matches!(self, Self::Raw | Self::Cncjs),
         }
     }
@@ -162,6 +181,7 @@ impl Sender {
             Self::Ours => return Ok((with_our_sender()?, "send_jobs.py")),
             Self::Cncjs => return Ok((with_modules()?, "cncjs_jobs.js")),
             Self::CncjsPage => return Ok((browser_and_modules()?, "cncjs_page_jobs.js")),
+            Self::ControlPage(way) => return Ok((web::with_page(way)?, "control_jobs.js")),
         };
         Ok((Command::new(program), script))
     }
@@ -213,6 +233,15 @@ impl Wire {
 /// From which lines are damaged.
 const SEED: u64 = 7;
 
+/// What `--short` leaves out: what takes long, and finds what is seldom broken.
+const LONG: [&str; 5] = [
+    "the served control page at the firmware",
+    "the control page by a serial port at the simulator",
+    "the control page by a WebSocket at the simulator",
+    "axe-core at the control page",
+    "a long job of a hidden control page",
+];
+
 /// Checks at the same time: senders wait most of it.
 const PARALLEL_CHECKS: usize = 4;
 
@@ -222,8 +251,16 @@ fn main() -> ExitCode {
             only,
             list,
             clients: true,
+            short,
             ..
-        }) => check::run(all().collect(), only.as_deref(), list, PARALLEL_CHECKS),
+        }) => {
+            let mut checks: Vec<_> = all().collect();
+            if short {
+                checks.retain(|check| !LONG.contains(&&*check.name));
+                ui::status("Left out", &LONG.join(", "));
+            }
+            check::run(checks, only.as_deref(), list, PARALLEL_CHECKS)
+        }
         other => other.refuse(),
     })
 }
@@ -264,6 +301,9 @@ fn all() -> impl Iterator<Item = Check> {
         Check::new("jobs as WebAssembly", web::jobs),
         Check::new("the page that runs jobs", web::page),
         Check::new("the control page", web::control),
+        Check::new("a key held while the control page goes", web::loss),
+        Check::new("axe-core at the control page", web::axe),
+        Check::new("a long job of a hidden control page", web::long_job),
         Check::new("the page that installs a release", flashing::page),
     ])
 }
@@ -315,7 +355,7 @@ struct Run {
 impl Run {
     fn start(script: &Path, sender: Sender, place: Place, wire: Wire) -> Result<Self> {
         let stem = script.file_stem().unwrap_or_default().to_string_lossy();
-        let name = format!("{stem} {}{}", place.name(), wire.name());
+        let name = format!("{stem} {}{}{}", place.name(), wire.name(), sender.variant());
         let folder = install::folder().join(name.replace(' ', "-"));
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(&folder)?;
@@ -476,5 +516,18 @@ impl Run {
             );
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_short_leaves_out_is_there() {
+        let names: Vec<_> = all().map(|check| check.name).collect();
+        for long in LONG {
+            assert!(names.iter().any(|name| name == long), "{long}: {names:?}");
+        }
     }
 }

@@ -5,6 +5,7 @@ mod programs;
 use std::{
     fs,
     path::{Path, PathBuf},
+    process::Command,
     sync::Mutex,
 };
 
@@ -14,13 +15,16 @@ use pages::web::measure::{native, under_node};
 
 use super::{
     browser::{self, run_output},
-    install,
+    browser_and_modules, install,
 };
 
 /// What looks at the page.
 const SCRIPT: &str = "web_page.js";
-/// What looks at the control page.
+/// What looks at the control page, at what goes while a key is held, at what axe-core finds, and at a long job.
 const CONTROL_SCRIPT: &str = "control_page.js";
+const LOSS_SCRIPT: &str = "control_loss.js";
+const AXE_SCRIPT: &str = "control_axe.js";
+const LONG_SCRIPT: &str = "control_long.js";
 /// Lines of a job that takes long enough to be cancelled.
 const LONG: usize = 100_000;
 /// One page is made at a time.
@@ -145,10 +149,79 @@ pub(super) fn page() -> Result<Verdict> {
     })
 }
 
+/// How the control page reaches a machine at a port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Way {
+    /// `cargo xtask monitor --control` has the machine.
+    Served,
+    /// Web Serial, which the script has in place of the browser's.
+    Serial,
+    /// A WebSocket of the machine's own.
+    Socket,
+}
+
+impl Way {
+    /// The name of the check.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Served => "the served control page",
+            Self::Serial => "the control page by a serial port",
+            Self::Socket => "the control page by a WebSocket",
+        }
+    }
+
+    /// As the script has it.
+    pub(super) fn word(self) -> &'static str {
+        match self {
+            Self::Served => "served",
+            Self::Serial => "serial",
+            Self::Socket => "socket",
+        }
+    }
+}
+
+/// Node with a browser, and with what a day at the control page needs in its environment.
+pub(super) fn with_page(way: Way) -> Result<Command> {
+    let mut node = browser_and_modules()?;
+    node.env("CONTROL_WAY", way.word());
+    if way == Way::Served {
+        node.env("MONITOR", tools::command(tools::MONITOR)?.get_program());
+    } else {
+        let page = made(&install::folder().join(way.word()))?;
+        node.env("CONTROL_PAGE", page.with_file_name(pages::control::FILE));
+    }
+    Ok(node)
+}
+
 /// Has a browser control the virtual machine.
 pub(super) fn control() -> Result<Verdict> {
-    browser::run_script(CONTROL_SCRIPT, "control-page", |folder, node| {
+    of_control_page(CONTROL_SCRIPT)
+}
+
+/// Looks for what axe-core finds at the control page.
+pub(super) fn axe() -> Result<Verdict> {
+    of_control_page(AXE_SCRIPT)
+}
+
+/// Has a page send a long job while another one is in front of it.
+pub(super) fn long_job() -> Result<Verdict> {
+    of_control_page(LONG_SCRIPT)
+}
+
+/// Holds a key of the control page while that goes, or what lies between it and the machine.
+pub(super) fn loss() -> Result<Verdict> {
+    of_control_page(LOSS_SCRIPT)
+}
+
+/// Runs a script with the control page, the tools between it and a machine, and the settings of that.
+fn of_control_page(script: &str) -> Result<Verdict> {
+    let folder = script.trim_end_matches(".js").replace('_', "-");
+    browser::run_script(script, &folder, |folder, node| {
         node.arg(made(folder)?.with_file_name(pages::control::FILE));
+        for tool in [tools::MONITOR, tools::SIM] {
+            node.arg(tools::command(tool)?.get_program());
+        }
+        node.arg(install::scripts().join("sim.settings"));
         Ok(())
     })
 }

@@ -120,6 +120,9 @@ pub struct Test {
     /// browser: gets senders with pip and npm, and skips what Python, Node or Chromium is missing for
     #[arg(long, conflicts_with_all = ["all", "rest"])]
     pub clients: bool,
+    /// With --clients: without what takes long there
+    #[arg(long, requires = "clients", hide = true)]
+    pub short: bool,
     /// Instead, insert the faults of `tests/faults.toml` into a copy of the sources, or those whose name contains this,
     /// and look which check finds each
     #[arg(long, value_name = "FAULT", num_args = 0..=1, default_missing_value = "", conflicts_with_all = ["only", "all", "rest", "list", "clients"])]

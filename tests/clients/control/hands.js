@@ -1,0 +1,53 @@
+/* The two kinds of hands that an operator of the page has: a mouse, and a keyboard. */
+
+'use strict';
+
+const { check, until } = require('../cncjs');
+const { clickOn, press, seen } = require('./operator');
+
+/** Waits until something can be pressed. */
+async function pressable(page, selector) {
+  const isOn = () => page.evaluate((wanted) => Boolean(document.querySelector(`${wanted}:enabled`)), selector);
+  await until(isOn, `${selector} can be pressed`, () => seen(page));
+  return page.$(selector);
+}
+
+/** Presses what has the focus. */
+async function pressByKey(page, element, what) {
+  check(element, `there is ${what}`);
+  await until(() => element.evaluate((found) => found.matches(':enabled')), `${what} can be pressed`, () => seen(page));
+  await element.focus();
+  check(await element.evaluate((found) => document.activeElement === found && found.tabIndex >= 0), `${what} takes the focus`);
+  await page.keyboard.press(await element.evaluate((found) => (found.tagName === 'INPUT' ? 'Space' : 'Enter')));
+}
+
+async function named(page, name) {
+  const found = await page.evaluateHandle((wanted) => [...document.querySelectorAll('button')].find(
+    (button) => (button.getAttribute('aria-label') ?? button.textContent) === wanted,
+  ), name);
+  return found.asElement();
+}
+
+const MOUSE = {
+  name: 'mouse',
+  press,
+  click: async (page, selector) => clickOn(await pressable(page, selector)),
+  /** Jogs by a step along an axis. */
+  step: (page, axis, sign) => press(page, `${axis}${sign > 0 ? '+' : '−'}`),
+};
+
+const KEYS = {
+  X: ['ArrowLeft', 'ArrowRight'], Y: ['ArrowDown', 'ArrowUp'], Z: ['PageDown', 'PageUp'],
+};
+
+const KEYBOARD = {
+  name: 'keyboard',
+  press: async (page, name) => pressByKey(page, await named(page, name), `a button ${name}`),
+  click: async (page, selector) => pressByKey(page, await pressable(page, selector), selector),
+  step: async (page, axis, sign) => {
+    await page.focus('#pad');
+    await page.keyboard.press(KEYS[axis][sign > 0 ? 1 : 0]);
+  },
+};
+
+module.exports = { KEYBOARD, MOUSE };

@@ -1,0 +1,48 @@
+/* A served simulator that writes every step down, which judges when its axes have stood. */
+
+'use strict';
+
+const fs = require('fs');
+const path = require('path');
+
+const { check, until } = require('../cncjs');
+const { start } = require('../monitor');
+const { tapped } = require('./line');
+
+/** Starts one behind a TCP address of which all that passes is kept. */
+async function judged(simulator, settings, name) {
+  const trace = path.resolve(`${name}.csv`);
+  const options = ['--tcp', '127.0.0.1:0', '--switches', '--settings', settings, '--trace', trace];
+  const { address, child } = await start(simulator, options);
+  const line = await tapped(address);
+  /** Ends the machine; returns when it has stepped, ms from its first step. */
+  const end = async () => {
+    line.close();
+    line.cut();
+    child.kill('SIGINT');
+    await until(() => child.exitCode !== null || child.signalCode !== null, 'the simulator ends');
+    const rows = fs.readFileSync(trace, 'utf8').trim().split('\n').slice(1);
+    return rows.map((row) => Number(row.slice(0, row.indexOf(','))) / 1e6);
+  };
+  return { line, address: line.address, end };
+}
+
+/**
+ * Checks that the axes have stood within a time of each loss, and have moved until it began. The machine's clock begins
+ * with its first step, which follows the first jog that came.
+ */
+function checkStops(steps, passed, losses, withinMs) {
+  const first = passed.all.find((piece) => piece.isSent && piece.text.includes('$J='));
+  check(first && steps.length > 0, 'the machine has jogged');
+  for (const { what, beganMs, ms, untilMs } of losses) {
+    const [began, from, to] = [beganMs, ms, untilMs].map((time) => time - first.ms);
+    const moved = steps.some((at) => at >= began - withinMs && at < from);
+    const after = steps.filter((at) => at >= from && at < to);
+    check(moved, `${what}: the axis did not move before`);
+    const last = after.length > 0 ? after.at(-1) - from : 0;
+    console.log(`${what}: at rest after ${last.toFixed(0)} ms`);
+    check(last <= withinMs, `${what}: the axis still moves ${last.toFixed(0)} ms later`);
+  }
+}
+
+module.exports = { checkStops, judged };

@@ -1,0 +1,105 @@
+/*
+ * A job of 200 000 lines, sent by a control page whose tab is hidden and slowed down as browsers do it: by the worker of
+ * the page over a serial port, and by the program that serves the page. The job takes as long as the simulator says that
+ * it does without any sender, and the memory of the page is the same at its end as at its beginning.
+ *
+ * Its arguments are the page, the monitor, the simulator, and the machine's settings.
+ */
+
+'use strict';
+
+const { execFileSync } = require('child_process');
+const fs = require('fs');
+
+const { check, run, until } = require('./cncjs');
+const { browse } = require('./browser');
+const { judged } = require('./control/judge');
+const {
+  click, delay, isState, openFile, press, state, text,
+} = require('./control/operator');
+const ways = require('./control/ways');
+
+const [, , pageFile, monitor, simulator, settings] = process.argv;
+
+const LINES = 200000;
+const NAME = 'long.nc';
+// How much longer the job may take, and what the memory may grow by from the second quarter to the last.
+const LATE = 0.03;
+const GROWTH = 0.25;
+const MEASURED_MS = 3000;
+// Browsers slow down what is not in front; what drives them usually prevents it.
+const SLOWED = [
+  '--disable-background-timer-throttling', '--disable-backgrounding-occluded-windows', '--disable-renderer-backgrounding',
+];
+
+/** To and fro, 0.1 mm at a time. */
+function written() {
+  const lines = Array.from({ length: LINES - 3 }, (_, line) => `X${Math.floor(line / 900) % 2 === 0 ? -0.1 : 0.1}`);
+  fs.writeFileSync(NAME, ['G21 G91', 'G1 F5000', ...lines, 'M30', ''].join('\n'));
+}
+
+/** How long the job takes, s. */
+function ideal() {
+  execFileSync(simulator, ['sim', NAME, '--settings', settings, '--json', 'long.json'], { stdio: 'ignore' });
+  return JSON.parse(fs.readFileSync('long.json', 'utf8')).motion_time_s;
+}
+
+/** The memory that a page cannot do without, bytes. */
+async function memory(session) {
+  await session.send('HeapProfiler.collectGarbage');
+  const usage = await session.send('Runtime.getHeapUsage');
+  return usage.usedSize + (usage.embedderHeapUsedSize || 0) + (usage.backingStorageSize || 0);
+}
+
+async function sent(name, open) {
+  const machine = await judged(simulator, settings, name);
+  const browser = await browse('', SLOWED);
+  let way;
+  try {
+    way = await open(browser, machine);
+    const { page } = way;
+    await ways.connect(way);
+    await press(page, 'Unlock');
+    await isState(page, 'Idle');
+    await openFile(page, NAME);
+    await click(page, '#run');
+    await isState(page, 'Running');
+    const other = await browser.newPage();
+    await other.bringToFront();
+    check(await page.evaluate(() => document.hidden), 'the page is hidden');
+    const session = await page.createCDPSession();
+    const used = [];
+    const job = () => text(page, '#job');
+    await until(async () => {
+      await delay(MEASURED_MS);
+      used.push(await memory(session));
+      return (await job()).startsWith('done');
+    }, 'the job is done', async () => `${await job()} ${await state(page)}`);
+    check(way.faults.length === 0, way.faults.join('\n'));
+    return { used, steps: await machine.end() };
+  } finally {
+    await browser.close();
+    if (way) way.close();
+  }
+}
+
+function judge(name, { used, steps }, idealS) {
+  const tookS = (steps.at(-1) - steps[0]) / 1000;
+  const quarter = Math.ceil(used.length / 4);
+  const [before, after] = [used.slice(quarter, 2 * quarter), used.slice(-quarter)].map((part) => Math.max(...part));
+  console.log(`${name}: ${tookS.toFixed(1)} s of ${idealS.toFixed(1)} s; ${used.map((it) => Math.round(it / 1024)).join(' ')} KiB`);
+  check(tookS <= idealS * (1 + LATE), `${name}: the job takes ${tookS} s instead of ${idealS} s`);
+  check(after <= before * (1 + GROWTH), `${name}: the memory grows from ${before} to ${after} bytes`);
+}
+
+async function main() {
+  written();
+  const idealS = ideal();
+  const served = (browser, { address }) => ways.served(browser, monitor, address);
+  const serial = (browser, { address }) => ways.serial(browser, pageFile, address);
+  judge('serial', await sent('serial', serial), idealS);
+  judge('served', await sent('served', served), idealS);
+  return [0, 0, 0];
+}
+
+run(main);
