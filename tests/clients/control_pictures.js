@@ -12,7 +12,7 @@ const path = require('path');
 const { check, run, until } = require('./cncjs');
 const { browse } = require('./browser');
 const {
-  at, click, enter, isState, openFile, press, text,
+  at, click, delay, enter, isState, openFile, press, seen, state,
 } = require('./control/operator');
 const ways = require('./control/ways');
 
@@ -21,6 +21,8 @@ const [, , pageFile, , , , program] = process.argv;
 // A picture in the documents is no larger, bytes.
 const MOST_BYTES = 100000;
 const QUALITY = 60;
+// For how long the job has been cutting.
+const CUT_MS = 8000;
 
 async function take(page, name, selector) {
   const area = selector ? await page.$(selector) : page;
@@ -50,7 +52,8 @@ async function shown(browser) {
   try {
     await cutting(page);
     await click(page, '#run');
-    await until(async () => /^line (\d{2,})/.test(await text(page, '#job')), 'the job goes on', () => text(page, '#job'));
+    await until(async () => await state(page) === 'Running' && parseFloat((await at(page)).split(',')[2]) < 0, 'it cuts', () => seen(page));
+    await delay(CUT_MS);
     await page.evaluate(() => window.scrollTo(0, 0));
     await take(page, 'page');
     for (const area of ['state', 'jog', 'setup', 'probe', 'program']) await take(page, area, `section.${area}`);
