@@ -3,14 +3,9 @@
 'use strict';
 
 const { check, until } = require('../cncjs');
-const { clickOn, press, seen } = require('./operator');
-
-/** Waits until something can be pressed. */
-async function pressable(page, selector) {
-  const isOn = () => page.evaluate((wanted) => Boolean(document.querySelector(`${wanted}:enabled`)), selector);
-  await until(isOn, `${selector} can be pressed`, () => seen(page));
-  return page.$(selector);
-}
+const {
+  click, press, pressable, seen,
+} = require('./operator');
 
 /** Presses what has the focus. */
 async function pressByKey(page, element, what) {
@@ -31,7 +26,7 @@ async function named(page, name) {
 const MOUSE = {
   name: 'mouse',
   press,
-  click: async (page, selector) => clickOn(await pressable(page, selector)),
+  click,
   /** Jogs by a step along an axis. */
   step: (page, axis, sign) => press(page, `${axis}${sign > 0 ? '+' : '−'}`),
 };

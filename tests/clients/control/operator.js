@@ -25,7 +25,14 @@ async function clickOn(element) {
   await element.click();
 }
 
-const click = async (page, selector) => clickOn(await page.$(selector));
+/** Waits until something can be pressed. */
+async function pressable(page, selector) {
+  const wanted = `${selector}:not(:disabled)`;
+  await until(async () => await page.$(wanted) !== null, `${selector} can be pressed`, () => seen(page));
+  return page.$(wanted);
+}
+
+const click = async (page, selector) => clickOn(await pressable(page, selector));
 
 /** Presses a button by its name. */
 async function press(page, name) {
@@ -85,5 +92,6 @@ async function openPage(browser, address, { width, height, scheme }, prepare = (
 }
 
 module.exports = {
-  at, choose, click, clickOn, delay, enter, fill, isAt, isState, jogs, openFile, openPage, press, seen, state, text,
+  at, choose, click, clickOn, delay, enter, fill, isAt, isState, jogs, openFile, openPage, press, pressable, seen,
+  state, text,
 };

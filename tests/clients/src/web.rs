@@ -3,7 +3,7 @@
 mod programs;
 
 use std::{
-    fs,
+    env, fs,
     path::{Path, PathBuf},
     process::Command,
     sync::Mutex,
@@ -186,6 +186,12 @@ pub(super) fn with_page(way: Way) -> Result<Command> {
     node.env("CONTROL_WAY", way.word());
     if way == Way::Served {
         node.env("MONITOR", tools::command(tools::MONITOR)?.get_program());
+        // The program builds the page, and the script has another home.
+        for (variable, folder) in [("CARGO_HOME", ".cargo"), ("RUSTUP_HOME", ".rustup")] {
+            if let (None, Some(home)) = (env::var_os(variable), env::home_dir()) {
+                node.env(variable, home.join(folder));
+            }
+        }
     } else {
         let page = made(&install::folder().join(way.word()))?;
         node.env("CONTROL_PAGE", page.with_file_name(pages::control::FILE));
