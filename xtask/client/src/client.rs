@@ -293,7 +293,7 @@ impl Client {
         self.start_asked = None;
         self.stopping = None;
         self.is_cancelling = false;
-        self.jog = None;
+        self.end_press();
         self.end_cycle("the machine was reset, and the probing cycle has ended");
         self.are_modes_changed |= self.restores.take().is_some();
         self.sender = Sender::default();

@@ -207,6 +207,24 @@ fn a_client_that_dies_leaves_a_quarter_of_a_second_of_motion() {
 }
 
 #[test]
+fn a_key_that_is_held_while_the_line_is_lost_jogs_no_more_when_it_is_back() {
+    let mut operated = OperatedMachine::new(&["$110=3000", "$120=500"]);
+    hold_x(&mut operated, 1, 3000.0, 800);
+    operated.client.lose_line();
+    // What waits in the machine, and the page asks on.
+    hold_x(&mut operated, 1, 3000.0, 240);
+    let at_mm = x_mm(&operated);
+    operated.events.clear();
+    hold_x(&mut operated, 1, 3000.0, 2000);
+    assert!((x_mm(&operated) - at_mm).abs() < 1e-9);
+    assert_eq!(operated.client.state().state, "Idle");
+    let is_jog = |event: &Event| matches!(event, Event::Line { text, .. } if text.contains("$J"));
+    assert!(!operated.events.iter().any(is_jog));
+    hold_x(&mut operated, 2, 3000.0, 800);
+    assert!(x_mm(&operated) > at_mm + 5.0);
+}
+
+#[test]
 fn a_jog_goes_to_the_end_of_the_travel_and_no_further() {
     let mut operated = OperatedMachine::new(&["$22=1", "$20=1", "$110=3000", "$120=500"]);
     operated.command(Command::Line {

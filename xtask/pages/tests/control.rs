@@ -5,8 +5,10 @@ mod browser;
 mod support;
 
 use std::{
+    fs,
     io::{Read as _, Write as _},
     net::{Shutdown, TcpListener, TcpStream},
+    process::Command,
     thread::{self, JoinHandle},
 };
 
@@ -28,10 +30,6 @@ fn simulated(settings: &[&str]) -> (Monitor, Known) {
     let mut monitor = Monitor::start(&arguments.collect::<Vec<_>>());
     let known = Known::by(&monitor.address());
     (monitor, known)
-}
-
-fn program(lines: &str) -> Value {
-    json!({"do": "program", "name": "job.nc", "text": lines})
 }
 
 fn control(page: &mut Page, is_mine: bool) {
@@ -68,9 +66,9 @@ fn one_page_jogs_and_runs_jobs_and_the_others_watch() {
     });
     // More than a command may have, which only a page in control may send.
     let text = "G91 ; and so on\n".repeat(10_000);
-    second.ask(&program(&format!("{text}G1 X2 F3000\n")));
+    second.open(&format!("{text}G1 X2 F3000\n"));
     second.until_state(|state| state["job"]["lines"] == 10_001);
-    second.ask(&program("G91\nG1 X2 F3000\n"));
+    second.open("G91\nG1 X2 F3000\n");
     second.start();
     for page in [&mut second, &mut first] {
         page.until_state(|state| state["job"]["outcome"] == "done");
@@ -85,6 +83,7 @@ fn a_page_that_vanishes_amid_a_held_jog_stops_the_axis() {
     let (_monitor, known) = simulated(&["$110=3000", "$120=500"]);
     let mut page = known.page();
     page.until_at(0.0);
+    assert_eq!(page.line("$G"), "ok");
     let mut watcher = known.page();
     let held = json!({"do": "move", "press": 1, "along": [1, 0, 0], "feed": 3000.0});
     let x_mm = |event: &Value| event["machine"][0].as_f64();
@@ -125,6 +124,42 @@ fn a_page_that_answers_no_ping_controls_no_more() {
     control(&mut silent, true);
     let mut watcher = known.page();
     watcher.until("control", |control| control["is_taken"] == false);
+}
+
+#[test]
+fn the_browser_is_opened_with_a_token_that_counts_once() {
+    let folder = tempfile::tempdir().unwrap();
+    // A browser that says what it is to open.
+    let script = r#"mkfifo opened && printf '#!/bin/sh\nprintf %%s "$1" > %s/opened' "$PWD" > browser && chmod +x browser"#;
+    let made = Command::new("sh")
+        .args(["-c", script])
+        .current_dir(folder.path())
+        .status()
+        .unwrap();
+    assert!(made.success());
+    let browser = folder.path().join("browser");
+    let mut monitor =
+        Monitor::of(Monitor::command(&["--control", "--sim"]).env("BROWSER", &browser));
+    let printed = monitor.address();
+    let opened = fs::read_to_string(folder.path().join("opened")).unwrap();
+    let opened = opened.replace("http://", "");
+    let (address, token) = printed.split_once("/?token=").unwrap();
+    assert!(opened.starts_with(&format!("{address}/?once=")), "{opened}");
+    assert!(!opened.contains(token), "{opened}");
+    let mut page = Known::by(&opened).page();
+    control(&mut page, true);
+    let (_, query) = opened.split_once('/').unwrap();
+    let request = format!("GET /{query} HTTP/1.1\r\nHost: {address}\r\n\r\n");
+    let answer = send(address, &request);
+    assert!(answer.starts_with("HTTP/1.1 403"), "{answer}");
+    // The address that was printed is for further pages.
+    for _ in 0..2 {
+        control(&mut Known::by(&printed).page(), false);
+    }
+    monitor.interrupt();
+    let (status, printed) = monitor.end();
+    assert_eq!(status, Some(0), "{printed}");
+    assert!(printed.contains("was used twice"), "{printed}");
 }
 
 const HOST: &str = "Host: {address}";
@@ -223,10 +258,12 @@ fn frames() -> Vec<Vec<u8>> {
     let masked =
         |first: u8, length: &[u8], payload: &[u8]| [&[first], length, &[0; 4], payload].concat();
     let huge = (1_u64 << 37).to_be_bytes();
+    let long = (1_u64 << 17).to_be_bytes();
     let fragment = masked(0x01, &[0xfe, 0x40, 0], &[b' '; 0x4000]);
     let more = masked(0x00, &[0xfe, 0x40, 0], &[b' '; 0x4000]);
     vec![
         masked(0x81, &[&[0xff][..], &huge].concat(), b"{"),
+        masked(0x81, &[&[0xff][..], &long].concat(), b"{"),
         [fragment, more.repeat(5)].concat(),
         masked(0x82, &[0x84], b"\x18\x18\x18\x18"),
         masked(0x81, &[0x82], b"\xff\xfe"),
@@ -259,6 +296,14 @@ fn what_attackers_send_moves_nothing_and_the_page_is_served_on() {
         // Whatever has been sent is read, and then the connection ends.
         while other.socket.read().is_ok() {}
     }
+    // What claims more than a command is refused before it comes, also of the page in control.
+    let mut other = known.page();
+    other.ask(&json!({"do": "take-control"}));
+    control(&mut other, true);
+    other.socket.get_mut().write_all(&frames()[1]).unwrap();
+    while other.socket.read().is_ok() {}
+    page.ask(&json!({"do": "take-control"}));
+    control(&mut page, true);
     for text in ["", "$X", "[]", "{\"do\":\"fly\"}", &"[".repeat(10_000)] {
         page.socket.send(Message::text(text)).unwrap();
         page.until("note", |note| {
@@ -312,7 +357,7 @@ fn with_job<T: Send + 'static>(
     let mut monitor = Monitor::start(&["--control", "--tcp", &address, "--no-open"]);
     let mut page = Known::by(&monitor.address()).page();
     page.until_state(|state| state["state"] == "Idle");
-    page.ask(&program(JOB));
+    page.open(JOB);
     page.start();
     (monitor, page, machine)
 }
@@ -339,6 +384,38 @@ fn nothing_goes_on_when_a_machine_is_connected_again() {
             .replace("$G\n", ""),
         "M5\n"
     );
+}
+
+const JOG: &[u8] = b"<Jog|MPos:1.000,2.000,0.000|FS:600,0|WCO:0.000,0.000,0.000>\r\n";
+
+#[test]
+fn a_held_jog_is_held_and_no_line_follows_when_the_program_is_interrupted_or_killed() {
+    for signal in [Signal::INT, Signal::KILL] {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap().to_string();
+        let machine = thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            serve(&mut stream, IDLE, b"$J=");
+            serve(&mut stream, JOG, b"!");
+            let mut rest = Vec::new();
+            let _ = stream.read_to_end(&mut rest);
+            String::from_utf8_lossy(&rest).into_owned()
+        });
+        let mut monitor = Monitor::start(&["--control", "--tcp", &address, "--no-open"]);
+        let mut page = Known::by(&monitor.address()).page();
+        page.until_state(|state| state["state"] == "Idle");
+        // Each line of the machine comes to the page: it asks often enough.
+        let mut asked = 0;
+        while page.event()["state"] != "Jog" {
+            let press = asked / 10;
+            page.ask(&json!({"do": "move", "press": press, "along": [1, 0, 0], "feed": 600.0}));
+            asked += 1;
+        }
+        monitor.signal(signal);
+        monitor.end();
+        let rest = machine.join().unwrap();
+        assert!(!rest.contains('$'), "{signal:?}: {rest}");
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use gloo_events::EventListener;
 use gloo_timers::callback::Timeout;
 use grbl_client::client::{Command, Event};
 use serde::Deserialize;
-use serde_json::Value;
+use serde_json::{Value, json};
 use wasm_bindgen::JsCast as _;
 use web_sys::{MessageEvent, WebSocket};
 use yew::Callback;
@@ -15,6 +15,8 @@ use crate::worker::{Control, Reply};
 
 /// Where the program has it.
 const PATH: &str = "/socket";
+/// How much of a program is in a message, bytes: in JSON it is longer.
+const PART: usize = 8 << 10;
 /// After how long it is tried again, ms.
 const RECONNECT_MS: u32 = 1000;
 
@@ -42,7 +44,9 @@ impl ToProgram {
 
     /// Sends a command. One that is asked for without a connection is dropped: nothing moves when it is back.
     pub(super) fn send(&self, command: &Command) {
-        self.send_text(&serde_json::to_string(command).unwrap_or_default());
+        for text in messages(command) {
+            self.send_text(&text);
+        }
     }
 
     /// Takes control from another page.
@@ -58,6 +62,23 @@ impl ToProgram {
             let _ = socket.send_with_str(text);
         }
     }
+}
+
+/// The texts of a command: a long program comes in parts.
+fn messages(command: &Command) -> Vec<String> {
+    let mut messages = Vec::new();
+    let mut command = command.clone();
+    if let Command::Program { text, .. } = &mut command {
+        let mut rest = text.as_str();
+        while rest.len() > PART {
+            let (part, after) = rest.split_at(rest.floor_char_boundary(PART));
+            messages.push(json!({"do": "program-part", "text": part}).to_string());
+            rest = after;
+        }
+        *text = rest.to_owned();
+    }
+    messages.push(serde_json::to_string(&command).unwrap_or_default());
+    messages
 }
 
 /// What the program tells: events of the client, and who controls.
@@ -148,6 +169,25 @@ fn open(connection: &Rc<RefCell<Connection>>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_long_program_comes_in_parts_that_are_short_however_they_are_written() {
+        let text = "\u{1}ü".repeat(PART);
+        let name = "job.nc".to_owned();
+        let mut joined = String::new();
+        let command = Command::Program { name, text };
+        let messages = messages(&command);
+        for message in &messages {
+            assert!(message.len() < 64 << 10, "{}", message.len());
+            let message: Value = serde_json::from_str(message).unwrap();
+            joined += message["text"].as_str().unwrap();
+        }
+        let Command::Program { text, .. } = command else {
+            panic!("{command:?}");
+        };
+        assert!(joined == text && messages.len() == 4);
+        assert_eq!(super::messages(&Command::Halt), [r#"{"do":"halt"}"#]);
+    }
 
     #[test]
     fn events_and_control_come_in_one_message() {

@@ -89,6 +89,17 @@ impl Page {
             .unwrap();
     }
 
+    /// Opens a program as pages do: a long one in parts.
+    pub(crate) fn open(&mut self, lines: &str) {
+        let mut rest = lines;
+        while rest.len() > 8192 {
+            let (part, after) = rest.split_at(8192);
+            self.ask(&json!({"do": "program-part", "text": part}));
+            rest = after;
+        }
+        self.ask(&json!({"do": "program", "name": "job.nc", "text": rest}));
+    }
+
     /// The next event.
     pub(crate) fn event(&mut self) -> Value {
         while self.seen.is_empty() {

@@ -32,12 +32,22 @@ pub(crate) struct Monitor {
 
 impl Monitor {
     pub(crate) fn start(arguments: &[&str]) -> Self {
+        Self::of(&mut Self::command(arguments))
+    }
+
+    pub(crate) fn command(arguments: &[&str]) -> Command {
         build(arguments);
-        let mut process = Command::new(env!("CARGO_BIN_EXE_monitor"))
+        let mut command = Command::new(env!("CARGO_BIN_EXE_monitor"));
+        command
             .env_remove("CARGO")
             .arg("monitor")
             .args(arguments)
-            .current_dir(root())
+            .current_dir(root());
+        command
+    }
+
+    pub(crate) fn of(command: &mut Command) -> Self {
+        let mut process = command
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())

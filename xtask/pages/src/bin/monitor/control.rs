@@ -34,7 +34,7 @@ use crate::{
     site::Site,
     source::{self, Source},
 };
-use access::Token;
+use access::{OneTimeToken, Token};
 use pages::Pages;
 use socket::FromPage;
 
@@ -85,14 +85,15 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     } = crate::source(options)?;
     let stop = interruptions()?;
     let (machine, _) = source::greet(link, &stop)?;
-    let token = Token::new()?;
+    let (token, once) = (Token::new()?, OneTimeToken::new()?);
     let (listener, site) = Site::bind(&options.listen, POLICY, files)?;
-    let url = format!("{}?{}", site.url(), token.query());
+    let [url, browser_url] =
+        [token.query(), once.query()].map(|query| format!("{}?{query}", site.url()));
     let (to_server, from_pages) = sync_channel(MOST_UNREAD);
-    serve(listener, site, token, to_server);
+    serve(listener, site, (token, once), to_server);
     ui::status("Serving", &format!("{url} (Ctrl-C ends)"));
     if !options.no_open {
-        ui::open(OsStr::new(&url));
+        ui::open(OsStr::new(&browser_url));
     }
     let mut server = ControlServer::new(options, machine.link, from_pages);
     server.run(&stop)?;
@@ -100,13 +101,19 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
 }
 
 /// Answers requests of whoever has the token.
-fn serve(listener: TcpListener, site: Site, token: Token, to_server: SyncSender<FromPage>) {
+fn serve(
+    listener: TcpListener,
+    site: Site,
+    (token, once): (Token, OneTimeToken),
+    to_server: SyncSender<FromPage>,
+) {
     let (numbers, open) = (AtomicUsize::new(0), Arc::new(AtomicUsize::new(0)));
     http::serve(listener, move |request| {
         if let Some(refusal) = site.refusal(&request) {
             return request.answer("403 Forbidden", &[], refusal.as_bytes());
         }
-        if request.path == "/" && token.is_asked_with(&request) {
+        let is_exchanged = || token.is_asked_with(&request) || once.is_exchanged_by(&request);
+        if request.path == "/" && is_exchanged() {
             let cookie = token.cookie(site.at);
             let fields = [
                 ("Location", "/"),

@@ -1,10 +1,24 @@
 //! Who may open the page: whoever has the address that was printed, and then the cookie that it is exchanged for.
+//!
+//! The arguments of a program can be read by every user of the computer; so the browser is opened with a token that
+//! counts once.
 
-use std::{fmt::Write as _, hint, net::SocketAddr};
+use std::{
+    fmt::Write as _,
+    hint,
+    net::SocketAddr,
+    sync::atomic::{AtomicBool, Ordering},
+    time::{Duration, Instant},
+};
 
 use anyhow::{Result, anyhow};
 
+use common::ui;
+
 use crate::http::Request;
+
+/// How long a token for one request counts.
+const BROWSER_START: Duration = Duration::from_mins(1);
 
 /// A secret of 128 bits, in hexadecimal digits.
 pub(super) struct Token(String);
@@ -53,6 +67,43 @@ impl Token {
         let pairs = self.0.bytes().zip(text.bytes());
         let difference = pairs.fold(0, |sum, (own, other)| hint::black_box(sum | (own ^ other)));
         text.len() == self.0.len() && difference == 0
+    }
+}
+
+/// A token for one request: that of the browser which is started with it.
+pub(super) struct OneTimeToken {
+    token: Token,
+    since: Instant,
+    is_used: AtomicBool,
+}
+
+impl OneTimeToken {
+    pub(super) fn new() -> Result<Self> {
+        Ok(Self {
+            token: Token::new()?,
+            since: Instant::now(),
+            is_used: AtomicBool::new(false),
+        })
+    }
+
+    /// What stands after the page's address.
+    pub(super) fn query(&self) -> String {
+        format!("once={}", self.token.0)
+    }
+
+    /// Whether a request is the first one with the token. Somebody else's may have been before a second one.
+    pub(super) fn is_exchanged_by(&self, request: &Request) -> bool {
+        let query = request.query.strip_prefix("once=").unwrap_or_default();
+        if !self.token.is(query) {
+            return false;
+        }
+        let is_used = self.is_used.swap(true, Ordering::Relaxed);
+        if is_used {
+            ui::warning(
+                "the browser's address was used twice: if you see no page, end this program, for somebody else does",
+            );
+        }
+        !is_used && self.since.elapsed() < BROWSER_START
     }
 }
 

@@ -1,9 +1,11 @@
 //! The WebSocket of a page: commands in, events out.
 //!
-//! Memory is bounded: a page that watches sends little, and one that does not read is dropped.
+//! Memory is bounded: a page sends little at a time, and one that does not read is dropped. The library reserves what
+//! the header of a frame claims; so no frame is longer than a command, and a program comes in parts.
 
 use std::{
     io::{self, ErrorKind, Read, Write},
+    mem,
     net::TcpStream,
     sync::{
         Arc,
@@ -24,9 +26,9 @@ use tungstenite::{
 
 use crate::http::Request;
 
-/// The longest message, bytes: of a program, and of any other command.
+/// The longest program and the longest message, bytes.
 const MOST_OF_PROGRAM: usize = 64 << 20;
-const MOST_OF_COMMAND: usize = 64 << 10;
+const MOST_OF_MESSAGE: usize = 64 << 10;
 /// The most messages that wait for a page.
 const MOST_WAITING: usize = 128;
 /// How long events wait for the end of a look at what the page says.
@@ -76,6 +78,10 @@ impl Drop for Page {
 #[serde(tag = "do", rename_all = "kebab-case")]
 enum ServerCommand {
     TakeControl,
+    /// The text of a program that is longer than a message, before that of [`Command::Program`].
+    ProgramPart {
+        text: String,
+    },
 }
 
 /// Whether a request asks for a WebSocket from a page of the same server.
@@ -114,6 +120,8 @@ pub(super) fn talk(
     };
     let config = WebSocketConfig::default()
         .write_buffer_size(0)
+        .max_message_size(Some(MOST_OF_MESSAGE))
+        .max_frame_size(Some(MOST_OF_MESSAGE))
         .read_buffer_size(16 << 10);
     let mut conversation = PageConnection {
         number,
@@ -121,6 +129,7 @@ pub(super) fn talk(
         inbox,
         to_server,
         is_in_control,
+        program: String::new(),
         pinged: now,
     };
     if to_server.send(FromPage::Opened(page)).is_ok() {
@@ -167,6 +176,8 @@ struct PageConnection<'a> {
     inbox: Receiver<Arc<str>>,
     to_server: &'a SyncSender<FromPage>,
     is_in_control: Arc<AtomicBool>,
+    /// What has come of a program.
+    program: String,
     pinged: Instant,
 }
 
@@ -175,14 +186,6 @@ impl PageConnection<'_> {
     fn run(&mut self) -> Result<(), Error> {
         loop {
             self.speak()?;
-            let most = if self.is_in_control.load(Ordering::Relaxed) {
-                MOST_OF_PROGRAM
-            } else {
-                MOST_OF_COMMAND
-            };
-            self.socket.set_config(|config| {
-                (config.max_message_size, config.max_frame_size) = (Some(most), Some(most));
-            });
             let now = Instant::now();
             let line = self.socket.get_mut();
             if now >= line.received + SILENCE_LIMIT {
@@ -218,18 +221,16 @@ impl PageConnection<'_> {
 
     /// Takes a message of the page.
     fn listen(&mut self, text: &str) -> Result<(), Error> {
-        let command = serde_json::from_str(text);
-        let is_program = matches!(command, Ok(Command::Program { .. }));
-        if text.len() > MOST_OF_COMMAND && !is_program {
-            let (size, max_size) = (text.len(), MOST_OF_COMMAND);
-            return Err(CapacityError::MessageTooLong { size, max_size }.into());
-        }
-        let message = match command {
-            Ok(command) => FromPage::Command(self.number, command),
-            Err(_) if serde_json::from_str::<ServerCommand>(text).is_ok() => {
-                FromPage::TakesControl(self.number)
+        let message = match (serde_json::from_str(text), serde_json::from_str(text)) {
+            (Ok(Command::Program { name, text }), _) => {
+                self.add(&text)?;
+                let text = mem::take(&mut self.program);
+                FromPage::Command(self.number, Command::Program { name, text })
             }
-            Err(error) => {
+            (Ok(command), _) => FromPage::Command(self.number, command),
+            (_, Ok(ServerCommand::TakeControl)) => FromPage::TakesControl(self.number),
+            (_, Ok(ServerCommand::ProgramPart { text })) => return self.add(&text),
+            (Err(error), _) => {
                 let text = format!("the server does not know this command: {error}");
                 let note = serde_json::to_string(&[Event::Note { text }]);
                 return self.socket.send(Message::text(note.unwrap_or_default()));
@@ -238,6 +239,18 @@ impl PageConnection<'_> {
         self.to_server
             .send(message)
             .map_err(|_| Error::ConnectionClosed)
+    }
+
+    /// Takes a part of a program. A page that watches sends none: without a connection, no half of one is started.
+    fn add(&mut self, text: &str) -> Result<(), Error> {
+        let size = self.program.len() + text.len();
+        let is_longer = size > MOST_OF_MESSAGE;
+        if is_longer && (size > MOST_OF_PROGRAM || !self.is_in_control.load(Ordering::Relaxed)) {
+            let max_size = MOST_OF_PROGRAM;
+            return Err(CapacityError::MessageTooLong { size, max_size }.into());
+        }
+        self.program += text;
+        Ok(())
     }
 }
 
