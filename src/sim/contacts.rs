@@ -45,7 +45,7 @@ impl Switch {
 /// A block on the table: the positions of X, Y and Z at which the tool touches it, in physical steps from the position at
 /// power-up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Block {
+pub struct ProbeBlock {
     /// The least position of each axis.
     pub low: [i32; 3],
     /// The greatest.
@@ -54,7 +54,7 @@ pub struct Block {
     pub input: Levels,
 }
 
-impl Block {
+impl ProbeBlock {
     /// Returns whether the tool touches it with the axes at `steps`.
     fn is_touched_at(&self, steps: &Axes<i32>) -> bool {
         let ends = self.low.iter().zip(&self.high);
@@ -68,7 +68,7 @@ pub(super) struct Contacts {
     switches: Vec<Switch, SWITCHES>,
     /// Those that second motors close.
     second_switches: Vec<Switch, GANGED_AXES>,
-    block: Option<Block>,
+    block: Option<ProbeBlock>,
     /// Contacts that the operator closes.
     held: Levels,
     /// Position of each axis, steps from power-up: homing does not change it.
@@ -117,7 +117,7 @@ impl Contacts {
     }
 
     /// Puts a block on the table, in place of any other.
-    pub(super) const fn put(&mut self, block: Block) {
+    pub(super) const fn put(&mut self, block: ProbeBlock) {
         self.block = Some(block);
     }
 
@@ -245,7 +245,7 @@ mod tests {
     #[test]
     fn a_block_is_touched_where_all_axes_are_within_it() {
         let mut contacts = Contacts::new();
-        contacts.put(Block {
+        contacts.put(ProbeBlock {
             low: [-1, 2, -5],
             high: [1, 3, -4],
             input: Levels::PROBE,

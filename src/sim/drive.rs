@@ -10,7 +10,7 @@ use rtic_core::Exclusive;
 
 use super::{
     Switch,
-    contacts::{Block, Contacts},
+    contacts::{Contacts, ProbeBlock},
     platform::{VirtualPlatform, VirtualSteps, VirtualTimer},
     playback::{Origin, Playback, PlayedSegment},
 };
@@ -240,7 +240,7 @@ impl Drive {
     }
 
     /// Puts a block on the table, in place of any other.
-    pub fn put(&mut self, block: Block) {
+    pub fn put(&mut self, block: ProbeBlock) {
         self.contacts.put(block);
         self.update_contacts();
     }

@@ -10,7 +10,7 @@ mod simulator;
 mod step_statistics;
 mod stream;
 
-pub use contacts::{Block, Closes, Switch};
+pub use contacts::{Closes, ProbeBlock, Switch};
 pub use drive::{Drive, Edge};
 pub use flash::{Flash, FlashError, SECTOR, SECTORS};
 pub use playback::{PlayedSegment, SegmentKind};

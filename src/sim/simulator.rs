@@ -1,6 +1,6 @@
 //! The whole simulated machine: bytes in, bytes and pin edges out.
 
-use super::{Block, Drive, Edge, Flash, PlayedSegment, Switch};
+use super::{Drive, Edge, Flash, PlayedSegment, ProbeBlock, Switch};
 #[cfg(feature = "usb")]
 use crate::usb::{Driver, Registers, SenderQueues, UsbControl};
 use crate::{
@@ -290,7 +290,7 @@ impl Simulator {
     }
 
     /// Puts a block on the table, in place of any other.
-    pub fn put(&mut self, block: Block) {
+    pub fn put(&mut self, block: ProbeBlock) {
         self.drive.put(block);
     }
 

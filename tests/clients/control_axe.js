@@ -14,7 +14,7 @@ const { browse } = require('./browser');
 const {
   click, isState, openFile, press, state, text,
 } = require('./control/operator');
-const ways = require('./control/ways');
+const connections = require('./control/connections');
 
 const [, , pageFile] = process.argv;
 
@@ -57,10 +57,10 @@ async function opened(page) {
   await page.$$eval('details', (folds) => folds.forEach((fold) => { fold.open = true; }));
 }
 
-async function watch(way, faults) {
-  const { page } = way;
+async function watch(connection, faults) {
+  const { page } = connection;
   await look(page, 'not connected', faults);
-  await ways.connect(way);
+  await connections.connect(connection);
   await look(page, 'locked', faults);
   await press(page, 'Unlock');
   await isState(page, 'Idle');
@@ -86,15 +86,15 @@ async function watch(way, faults) {
 async function main() {
   const browser = await browse();
   const faults = [];
-  const way = await ways.virtual(browser, pageFile);
+  const connection = await connections.virtual(browser, pageFile);
   try {
-    await watch(way, faults);
+    await watch(connection, faults);
   } finally {
-    await way.page.screenshot({ path: 'axe.png', fullPage: true });
+    await connection.page.screenshot({ path: 'axe.png', fullPage: true });
     await browser.close();
-    way.close();
+    connection.close();
   }
-  check(way.faults.length === 0, way.faults.join('\n'));
+  check(connection.faults.length === 0, connection.faults.join('\n'));
   check(faults.length === 0, [...new Set(faults)].join('\n'));
   return [0, 0, 0];
 }

@@ -17,7 +17,7 @@ const { judged } = require('./control/judge');
 const {
   click, delay, isState, openFile, press, state, text,
 } = require('./control/operator');
-const ways = require('./control/ways');
+const connections = require('./control/connections');
 
 const [, , pageFile, monitor, simulator, settings] = process.argv;
 
@@ -54,11 +54,11 @@ async function memory(session) {
 async function sent(name, open) {
   const machine = await judged(simulator, settings, name);
   const browser = await browse('', SLOWED);
-  let way;
+  let connection;
   try {
-    way = await open(browser, machine);
-    const { page } = way;
-    await ways.connect(way);
+    connection = await open(browser, machine);
+    const { page } = connection;
+    await connections.connect(connection);
     await press(page, 'Unlock');
     await isState(page, 'Idle');
     await openFile(page, NAME);
@@ -75,11 +75,11 @@ async function sent(name, open) {
       used.push(await memory(session));
       return (await job()).startsWith('done');
     }, 'the job is done', async () => `${await job()} ${await state(page)}`);
-    check(way.faults.length === 0, way.faults.join('\n'));
+    check(connection.faults.length === 0, connection.faults.join('\n'));
     return { used, steps: await machine.end() };
   } finally {
     await browser.close();
-    if (way) way.close();
+    if (connection) connection.close();
   }
 }
 
@@ -95,8 +95,8 @@ function judge(name, { used, steps }, idealS) {
 async function main() {
   written();
   const idealS = ideal();
-  const served = (browser, { address }) => ways.served(browser, monitor, address);
-  const serial = (browser, { address }) => ways.serial(browser, pageFile, address);
+  const served = (browser, { address }) => connections.served(browser, monitor, address);
+  const serial = (browser, { address }) => connections.serial(browser, pageFile, address);
   judge('serial', await sent('serial', serial), idealS);
   judge('served', await sent('served', served), idealS);
   return [0, 0, 0];

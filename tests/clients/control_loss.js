@@ -14,7 +14,7 @@ const { checkStops, judged } = require('./control/judge');
 const {
   at, choose, delay, isState, press, seen, state,
 } = require('./control/operator');
-const ways = require('./control/ways');
+const connections = require('./control/connections');
 
 const [, , pageFile, monitor, simulator, settings] = process.argv;
 
@@ -25,9 +25,9 @@ const WATCHED_MS = 1500;
 const KEY = 'ArrowLeft';
 const QUESTIONS = ['$$', '$G', '$I', '$+'];
 
-async function ready(way) {
-  const { page } = way;
-  await ways.connect(way);
+async function ready(connection) {
+  const { page } = connection;
+  await connections.connect(connection);
   await press(page, 'Unlock');
   await isState(page, 'Idle');
   await choose(page, 0);
@@ -47,8 +47,8 @@ async function hold(page) {
 }
 
 /** What is lost while the page stays: it is the same page afterwards. */
-function losses(way, browser) {
-  const { page } = way;
+function losses(connection, browser) {
+  const { page } = connection;
   return [
     ['the key is released', () => page.keyboard.up(KEY)],
     ['the pad loses the focus', () => page.focus('#feed')],
@@ -57,7 +57,7 @@ function losses(way, browser) {
       const other = await browser.newPage();
       await other.bringToFront();
       await page.evaluate(() => document.dispatchEvent(new Event('visibilitychange')));
-      way.other = other;
+      connection.other = other;
     }],
   ];
 }
@@ -69,7 +69,7 @@ async function lose(machine, what, cause) {
   const ms = performance.now();
   await delay(WATCHED_MS);
   const untilMs = performance.now();
-  // What was on its way may still come; a line that is there again is asked what the machine is.
+  // What was on its connection may still come; a line that is there again is asked what the machine is.
   const behind = machine.line.passed.sentSince(ms + 50).split('\n').slice(0, -1);
   const lines = behind.filter((line) => !QUESTIONS.includes(line.replaceAll(/[\x80-\xff!~\x18]/g, '')));
   check(lines.length === 0, `${what}: behind is sent ${JSON.stringify(lines)}`);
@@ -79,42 +79,42 @@ async function lose(machine, what, cause) {
 }
 
 /** The losses after which the page is there, where they are wanted, and the last one, after which nothing is. */
-async function watch(machine, way, browser, last, isWhole) {
-  const { page } = way;
+async function watch(machine, connection, browser, last, isWhole) {
+  const { page } = connection;
   const judgements = [];
-  await ready(way);
-  for (const [what, cause] of isWhole ? losses(way, browser) : []) {
+  await ready(connection);
+  for (const [what, cause] of isWhole ? losses(connection, browser) : []) {
     await hold(page);
     judgements.push(await lose(machine, what, cause));
-    if (way.other) await way.other.close();
-    delete way.other;
+    if (connection.other) await connection.other.close();
+    delete connection.other;
     await page.keyboard.up(KEY);
     check(['Idle', 'Jogging'].includes(await state(page)), await seen(page));
     await isState(page, 'Idle');
   }
   await hold(page);
-  judgements.push(await lose(machine, ...last(way)));
+  judgements.push(await lose(machine, ...last(connection)));
   return judgements;
 }
 
 async function judge(name, open, last, isWhole) {
   const machine = await judged(simulator, settings, name);
   const browser = await browse();
-  let way;
+  let connection;
   try {
-    way = await open(browser, machine);
-    const judgements = await watch(machine, way, browser, (lost) => last(lost, browser, machine), isWhole);
+    connection = await open(browser, machine);
+    const judgements = await watch(machine, connection, browser, (lost) => last(lost, browser, machine), isWhole);
     console.log(name);
     checkStops(await machine.end(), machine.line.passed, judgements, WITHIN_MS);
   } finally {
     if (browser.connected) await browser.close();
-    if (way) way.close();
+    if (connection) connection.close();
   }
 }
 
-const atServer = (browser, { address }) => ways.served(browser, monitor, address);
-const atSocket = (browser, { address }) => ways.socket(browser, pageFile, address);
-const atSerial = (browser, { address }) => ways.serial(browser, pageFile, address);
+const atServer = (browser, { address }) => connections.served(browser, monitor, address);
+const atSocket = (browser, { address }) => connections.socket(browser, pageFile, address);
+const atSerial = (browser, { address }) => connections.serial(browser, pageFile, address);
 
 async function main() {
   await judge('server', atServer, ({ program }) => ['the server is killed', () => program.child.kill('SIGKILL')], true);

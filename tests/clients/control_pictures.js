@@ -14,7 +14,7 @@ const { browse } = require('./browser');
 const {
   at, click, delay, enter, isState, openFile, press, seen, state,
 } = require('./control/operator');
-const ways = require('./control/ways');
+const connections = require('./control/connections');
 
 const [, , pageFile, , , , program] = process.argv;
 
@@ -33,9 +33,9 @@ async function take(page, name, selector) {
   check(size <= MOST_BYTES, `${file} has ${size} bytes`);
 }
 
-/** A job under way, somewhere in its middle. */
+/** A job under connection, somewhere in its middle. */
 async function cutting(page) {
-  await ways.connect({ page, connect: () => click(page, '#connect') });
+  await connections.connect({ page, connect: () => click(page, '#connect') });
   await press(page, 'Home all axes');
   await isState(page, 'Idle');
   await enter(page, '$J=G53G90G21X-150Y-150Z-100F5000');
@@ -47,8 +47,8 @@ async function cutting(page) {
 }
 
 async function shown(browser) {
-  const way = await ways.virtual(browser, pageFile, { width: 1400, height: 900, scheme: 'light' });
-  const { page } = way;
+  const connection = await connections.virtual(browser, pageFile, { width: 1400, height: 900, scheme: 'light' });
+  const { page } = connection;
   try {
     await cutting(page);
     await click(page, '#run');
@@ -62,7 +62,7 @@ async function shown(browser) {
     await take(page, 'phone');
   } finally {
     await page.close();
-    way.close();
+    connection.close();
   }
 }
 

@@ -56,7 +56,7 @@ const LAST_ANSWERS_TIMEOUT: Duration = Duration::from_mins(1);
 
 /// How often it is looked what goes on.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
-/// How many of these must find nothing owed: the last bytes may still be on their way.
+/// How many of these must find nothing owed: the last bytes may still be on their connection.
 const QUIET_POLLS: u32 = 10;
 /// What a script prints.
 const SCRIPT_LOG: &str = "script.log";
@@ -88,7 +88,7 @@ enum Sender {
     /// A client of our own that keeps the rules by which OctoPrint sends.
     OctoPrintRules,
     /// The control page, in a browser without a window.
-    ControlPage(web::Way),
+    ControlPage(web::PageConnection),
 }
 
 impl Sender {
@@ -103,9 +103,9 @@ impl Sender {
         Self::CncjsPage,
         Self::Printcore,
         Self::OctoPrintRules,
-        Self::ControlPage(web::Way::Served),
-        Self::ControlPage(web::Way::Serial),
-        Self::ControlPage(web::Way::Socket),
+        Self::ControlPage(web::PageConnection::Served),
+        Self::ControlPage(web::PageConnection::Serial),
+        Self::ControlPage(web::PageConnection::Socket),
     ];
 
     fn name(self) -> &'static str {
@@ -120,14 +120,14 @@ impl Sender {
             Self::CncjsPage => "cncjs' page",
             Self::Printcore => "printcore",
             Self::OctoPrintRules => "OctoPrint's rules",
-            Self::ControlPage(way) => way.name(),
+            Self::ControlPage(connection) => connection.name(),
         }
     }
 
     /// What is added to the name of its script in that of the folder of a run.
     fn variant(self) -> &'static str {
         match self {
-            Self::ControlPage(way) => way.word(),
+            Self::ControlPage(connection) => connection.word(),
             _ => "",
         }
     }
@@ -146,7 +146,7 @@ impl Sender {
             Place::Firmware => {
                 matches!(
                     self,
-                    Self::Ours | Self::Printcore | Self::ControlPage(web::Way::Served)
+                    Self::Ours | Self::Printcore | Self::ControlPage(web::PageConnection::Served)
                 )
             }
             Place::Board => matches!(self, Self::Raw | Self::Cncjs),
@@ -181,7 +181,9 @@ impl Sender {
             Self::Ours => return Ok((with_our_sender()?, "send_jobs.py")),
             Self::Cncjs => return Ok((with_modules()?, "cncjs_jobs.js")),
             Self::CncjsPage => return Ok((browser_and_modules()?, "cncjs_page_jobs.js")),
-            Self::ControlPage(way) => return Ok((web::with_page(way)?, "control_jobs.js")),
+            Self::ControlPage(connection) => {
+                return Ok((web::with_page(connection)?, "control_jobs.js"));
+            }
         };
         Ok((Command::new(program), script))
     }
@@ -233,7 +235,7 @@ impl Wire {
 /// From which lines are damaged.
 const SEED: u64 = 7;
 
-/// What `--short` leaves out: what takes long, and finds what is seldom broken.
+/// The checks that `--short` leaves out: they take long, and find what is seldom broken.
 const LONG: [&str; 5] = [
     "the served control page at the firmware",
     "the control page by a serial port at the simulator",

@@ -20,7 +20,7 @@ use super::{
 
 /// What looks at the page.
 const SCRIPT: &str = "web_page.js";
-/// What looks at the control page, at what goes while a key is held, at what axe-core finds, and at a long job.
+/// The scripts of the control page: its areas, losses while a key is held, the findings of axe-core, a long job.
 const CONTROL_SCRIPT: &str = "control_page.js";
 const LOSS_SCRIPT: &str = "control_loss.js";
 const AXE_SCRIPT: &str = "control_axe.js";
@@ -151,7 +151,7 @@ pub(super) fn page() -> Result<Verdict> {
 
 /// How the control page reaches a machine at a port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Way {
+pub(super) enum PageConnection {
     /// `cargo xtask monitor --control` has the machine.
     Served,
     /// Web Serial, which the script has in place of the browser's.
@@ -160,7 +160,7 @@ pub(super) enum Way {
     Socket,
 }
 
-impl Way {
+impl PageConnection {
     /// The name of the check.
     pub(super) fn name(self) -> &'static str {
         match self {
@@ -181,10 +181,10 @@ impl Way {
 }
 
 /// Node with a browser, and with what a day at the control page needs in its environment.
-pub(super) fn with_page(way: Way) -> Result<Command> {
+pub(super) fn with_page(connection: PageConnection) -> Result<Command> {
     let mut node = browser_and_modules()?;
-    node.env("CONTROL_WAY", way.word());
-    if way == Way::Served {
+    node.env("CONTROL_CONNECTION", connection.word());
+    if connection == PageConnection::Served {
         node.env("MONITOR", tools::command(tools::MONITOR)?.get_program());
         // The program builds the page, and the script has another home.
         for (variable, folder) in [("CARGO_HOME", ".cargo"), ("RUSTUP_HOME", ".rustup")] {
@@ -193,7 +193,7 @@ pub(super) fn with_page(way: Way) -> Result<Command> {
             }
         }
     } else {
-        let page = made(&install::folder().join(way.word()))?;
+        let page = made(&install::folder().join(connection.word()))?;
         node.env("CONTROL_PAGE", page.with_file_name(pages::control::FILE));
     }
     Ok(node)
@@ -214,7 +214,7 @@ pub(super) fn long_job() -> Result<Verdict> {
     of_control_page(LONG_SCRIPT)
 }
 
-/// Holds a key of the control page while that goes, or what lies between it and the machine.
+/// Holds a key of the control page while the page goes, or its connection.
 pub(super) fn loss() -> Result<Verdict> {
     of_control_page(LOSS_SCRIPT)
 }

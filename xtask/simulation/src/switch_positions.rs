@@ -6,7 +6,7 @@ use leadscrew::{
     axis::{AXES, X, Y, Z},
     model::Levels,
     settings::Settings,
-    sim::{Block, Closes, Simulator, Switch},
+    sim::{Closes, ProbeBlock, Simulator, Switch},
 };
 
 /// How far the lower switches are beyond the travel, mm.
@@ -28,7 +28,7 @@ pub struct SwitchPositions {
     /// The plate for the probe, above the lower end of Z.
     pub plate: i32,
     /// The block on the plate, for the probe as well.
-    pub block: Option<Block>,
+    pub block: Option<ProbeBlock>,
 }
 
 impl SwitchPositions {
@@ -50,7 +50,7 @@ impl SwitchPositions {
             low: array::from_fn(|axis| steps(axis, -half_mm[axis] - BEYOND_MM)),
             high: array::from_fn(|axis| steps(axis, half_mm[axis])),
             plate,
-            block: Some(Block {
+            block: Some(ProbeBlock {
                 low: [left, front, plate],
                 high: [right, back, plate + height],
                 input: Levels::PROBE,

@@ -1,4 +1,4 @@
-/* The ways from the control page to a machine. Each opens the page, and leaves the operator before *Connect*. */
+/* The connections from the control page to a machine. Each opens the page, and leaves the operator before *Connect*. */
 
 'use strict';
 
@@ -21,31 +21,31 @@ async function opened(browser, pageFile, screen, prepare) {
 
 /** The virtual machine, in the page. */
 async function virtual(browser, pageFile, screen = SCREEN) {
-  const way = await opened(browser, pageFile, screen);
-  return { ...way, connect: () => click(way.page, '#connect') };
+  const connection = await opened(browser, pageFile, screen);
+  return { ...connection, connect: () => click(connection.page, '#connect') };
 }
 
 /** A WebSocket of the machine's own. */
 async function socket(browser, pageFile, machine, screen = SCREEN) {
   const line = await bridged(machine);
-  const way = await opened(browser, pageFile, screen);
+  const connection = await opened(browser, pageFile, screen);
   const connect = async () => {
-    await way.page.select('#machine', 'socket');
-    await fill(way.page, '.connection input[type=url]', line.address);
-    await click(way.page, '#connect');
+    await connection.page.select('#machine', 'socket');
+    await fill(connection.page, '.connection input[type=url]', line.address);
+    await click(connection.page, '#connect');
   };
-  return { ...way, line, connect };
+  return { ...connection, line, connect };
 }
 
 /** A serial port. */
 async function serial(browser, pageFile, machine, screen = SCREEN) {
   const line = await bridged(machine);
-  const way = await opened(browser, pageFile, screen, (page) => mockSerial(page, line.address));
+  const connection = await opened(browser, pageFile, screen, (page) => mockSerial(page, line.address));
   const connect = async () => {
-    await way.page.select('#machine', 'serial');
-    await click(way.page, '#connect');
+    await connection.page.select('#machine', 'serial');
+    await click(connection.page, '#connect');
   };
-  return { ...way, line, connect };
+  return { ...connection, line, connect };
 }
 
 /** The program that serves the page, and has the machine: at a port or an address. */
@@ -59,9 +59,9 @@ async function served(browser, monitor, machine, screen = SCREEN) {
 }
 
 /** Connects, and waits until the machine is there, which is locked as it was switched on. */
-async function connect(way) {
-  await way.connect();
-  await isState(way.page, 'Alarm: locked');
+async function connect(connection) {
+  await connection.connect();
+  await isState(connection.page, 'Alarm: locked');
 }
 
 module.exports = {
