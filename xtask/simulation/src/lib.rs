@@ -18,6 +18,7 @@ mod columns;
 mod curves;
 pub mod drilled_holes;
 pub mod figures;
+pub mod forecast;
 #[cfg(feature = "os")]
 pub mod holder;
 #[cfg(feature = "os")]
@@ -28,7 +29,6 @@ pub mod junction;
 #[cfg(feature = "os")]
 pub mod lock;
 pub mod machine;
-#[cfg(feature = "os")]
 pub mod machine_answers;
 mod merge;
 #[cfg(feature = "os")]
@@ -38,6 +38,7 @@ pub mod play;
 pub mod playing;
 pub mod program;
 pub mod program_reader;
+pub mod progress;
 #[cfg(feature = "os")]
 pub mod proven;
 #[cfg(feature = "os")]
@@ -46,6 +47,8 @@ mod recording;
 #[cfg(feature = "os")]
 mod refusal;
 mod refusals;
+mod replay;
+pub mod resume;
 #[cfg(feature = "os")]
 pub mod session;
 pub mod settings;

@@ -13,7 +13,7 @@ use leadscrew::{
 };
 
 use crate::{
-    play, sender,
+    playing, sender,
     settings::{Dump, combine},
 };
 
@@ -150,7 +150,7 @@ fn stream(simulator: &mut Simulator, text: &str, watcher: &mut impl Watcher) -> 
 /// A virtual machine that is not homed.
 fn unlocked(settings: &Settings) -> Box<Simulator> {
     let mut simulator = Box::new(Simulator::new(settings));
-    play::unlock(&mut simulator);
+    playing::unlock(&mut simulator);
     simulator
 }
 
@@ -250,7 +250,7 @@ fn is_not_zero(values: &str) -> bool {
 
 /// What a virtual machine answers, as [`Machine::answers`](grbl_client::Machine::answers) of one at a line.
 pub fn of_virtual_machine(simulator: &mut Simulator) -> MachineAnswers {
-    let mut ask = |text: &str| play::ask(simulator, text.as_bytes());
+    let mut ask = |text: &str| playing::ask(simulator, text.as_bytes());
     let report = ask("?");
     let report = report.first().and_then(|report| Report::read(report));
     MachineAnswers {

@@ -1,12 +1,7 @@
 //! `cargo xtask send`: a program to a machine, from a terminal.
 
-mod approach;
-mod forecast;
 mod machine;
-mod progress;
 mod record;
-mod replay;
-mod resume;
 mod screen;
 
 use std::{
@@ -28,16 +23,18 @@ use grbl_client::{
 };
 use leadscrew::{axis::AXES, units::Nm};
 use simulation::{
+    forecast::{Forecast, RefusedLine},
     interrupt,
     machine_answers::{self, UNLIMITED_BAUD},
+    output,
     program::{Program, encoding_warning},
+    progress::JobClock,
+    refusal,
+    resume::{self, Beginning, Entry, Plunge},
+    sender::Response,
 };
 
-use approach::Plunge;
-use forecast::Forecast;
-use progress::JobClock;
 use record::{Record, RecordFile};
-use resume::{Beginning, Entry};
 use screen::{Keyboard, Screen};
 
 /// How often the machine is asked for a report.
@@ -182,6 +179,12 @@ fn read(path: &Path) -> Result<Vec<Vec<u8>>> {
     Ok(lines)
 }
 
+/// Fails at Ctrl-C.
+fn go_on(stop: &UnixStream) -> Result<()> {
+    ensure!(!link::is_stopped(stop)?, Stopped);
+    Ok(())
+}
+
 /// Runs the job on the virtual machine.
 fn forecast_of(
     options: &Options,
@@ -195,11 +198,17 @@ fn forecast_of(
         UNLIMITED_BAUD
     };
     ui::status("Trying", "the job on the virtual machine");
-    let forecast = Forecast::of(began, lines, baud, || link::is_stopped(stop))
-        .context("the job was tried on the virtual machine")?;
+    let bar = output::progress(lines.len() as u64, "lines");
+    let forecast = Forecast::of(began, lines, baud, |answered| {
+        bar.set_position(answered as u64);
+        go_on(stop)
+    });
+    bar.finish_and_clear();
+    let forecast = forecast.context("the job was tried on the virtual machine")?;
     if !forecast.refused.is_empty() {
-        for line in &forecast.refused {
-            println!("{line}");
+        for RefusedLine { line, error } in &forecast.refused {
+            let response = Response::Error(*error);
+            println!("{}", refusal(*line as u64, &lines[line - 1], response));
         }
         let count = forecast.refused.len();
         ensure!(
@@ -229,12 +238,11 @@ fn find_entry(
     let wanted = match (kept, options.from) {
         (Some(record), _) => {
             // The line may be faster than it was thought: then more moves wait in the machine.
-            let is_stopped = || link::is_stopped(stop);
             // Where the operator has measured a tool, its path is another than that of the virtual machine.
             let place = record.stopped_at.as_deref();
             let place = place.filter(|_| record.measured.is_none());
             let forecast =
-                Forecast::passing(place, &record.began, lines, UNLIMITED_BAUD, is_stopped)?;
+                Forecast::passing(place, &record.began, lines, UNLIMITED_BAUD, |_| go_on(stop))?;
             let undone = forecast.stopped_in(record.answered).min(lines.len() - 1);
             // A reset has taken away what the operator has measured: he does so again.
             record.measured.map_or(undone, |line| line.min(undone))

@@ -21,9 +21,7 @@ use rustix::{
     io::Errno,
     termios::{LocalModes, OptionalActions, Termios},
 };
-use simulation::output;
-
-use crate::progress::Progress;
+use simulation::{output, progress::Progress};
 
 /// How often the state is printed where nobody can see a bar.
 const PRINT_EVERY: Duration = Duration::from_secs(10);

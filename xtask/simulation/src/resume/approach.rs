@@ -15,18 +15,18 @@ use crate::replay::Replay;
 
 /// How the tool goes down.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Plunge {
+pub struct Plunge {
     /// Highest feed, mm/min.
-    pub(crate) feed_mm_min: f32,
+    pub feed_mm_min: f32,
     /// How long the spindle gets before, s.
-    pub(crate) spin_up_s: f32,
+    pub spin_up_s: f32,
     /// Whether the machine is told in any case which tool is in it, so that it waits for a change again.
-    pub(crate) reports_tool: bool,
+    pub reports_tool: bool,
 }
 
 /// The lines that lead a machine in its power-up modes to a state. They move Z to the top and the other axes at rapid
 /// speed, start the spindle, dwell, plunge Z at feed, and set the modes.
-pub(crate) fn approach(
+pub(super) fn approach(
     state: &Replay,
     now: &Interpreter,
     top: Nm,
@@ -68,7 +68,7 @@ pub(crate) fn approach(
 
 /// The height at which the machine travels: the top where homing is on; elsewhere the highest that the job
 /// has had, and that the machine has now.
-pub(crate) fn top(highest: Nm, settings: &Settings) -> Nm {
+pub(super) fn top(highest: Nm, settings: &Settings) -> Nm {
     let homes_upwards = settings.is_homing_on() && !settings.homes_downwards(Z);
     if homes_upwards {
         highest.max(settings.top())
@@ -156,7 +156,7 @@ fn last_modes(modal: &Modal) -> Vec<String> {
 }
 
 /// The programmed position in work coordinates.
-pub(crate) fn work_position(interpreter: &Interpreter) -> Axes<Nm> {
+pub(super) fn work_position(interpreter: &Interpreter) -> Axes<Nm> {
     let position = interpreter.position();
     position.zip(interpreter.work_offset(&position), |position, offset| {
         position - offset
@@ -171,7 +171,7 @@ fn decimal(value: Nm) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-pub(crate) fn words(values: &Axes<Nm>, axes: impl IntoIterator<Item = usize>) -> Vec<String> {
+pub(super) fn words(values: &Axes<Nm>, axes: impl IntoIterator<Item = usize>) -> Vec<String> {
     let word = |axis: usize| format!("{}{}", char::from(LETTERS[axis]), decimal(values[axis]));
     axes.into_iter().map(word).collect()
 }

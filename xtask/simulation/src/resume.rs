@@ -5,6 +5,8 @@
 //! state does not depend on it. The lines of the approach are then read by a third interpreter that stands
 //! as the machine does now, and the lines of the job that follow must be the same commands to both.
 
+mod approach;
+
 use anyhow::{Result, bail, ensure};
 use leadscrew::{
     axis::{AXES, Axes, Z},
@@ -15,10 +17,9 @@ use leadscrew::{
     units::Nm,
 };
 
-use crate::{
-    approach::{Plunge, approach, top, words, work_position},
-    replay::{Effect, Replay},
-};
+use crate::replay::{Effect, Replay};
+pub use approach::Plunge;
+use approach::{approach, top, words, work_position};
 
 /// How far apart the two interpreters stand where a position is unknown.
 const UNKNOWN_POSITION_OFFSET: Nm = Nm(17_123_457);
@@ -30,32 +31,33 @@ const SHOWN: i64 = 1_000;
 const TRIES: usize = 20;
 
 /// What a job began with, as far as it is known.
-pub(crate) struct Beginning {
-    pub(crate) interpreter: Interpreter,
+pub struct Beginning {
+    /// Modes, offsets and position.
+    pub interpreter: Interpreter,
     /// Whether the position is known.
-    pub(crate) is_placed: bool,
+    pub is_placed: bool,
 }
 
 /// Where a job is continued.
 #[derive(Debug)]
-pub(crate) struct Entry {
+pub struct Entry {
     /// The line, counted from 0.
-    pub(crate) line: usize,
+    pub line: usize,
     /// What is sent before it.
-    pub(crate) approach: Vec<String>,
+    pub approach: Vec<String>,
     /// The modes before it, as `$G` lists them.
-    pub(crate) modes: String,
+    pub modes: String,
     /// The tool that must be in the spindle.
-    pub(crate) tool: u8,
+    pub tool: u8,
     /// The work position at which it begins, mm and degrees.
-    pub(crate) position: Vec<String>,
+    pub position: Vec<String>,
 }
 
 /// Finds the last line up to `wanted` at which a job can be continued by a machine that stands as `now`.
 ///
 /// # Errors
 /// There is none.
-pub(crate) fn entry(
+pub fn entry(
     lines: &[Vec<u8>],
     wanted: usize,
     beginning: &Beginning,

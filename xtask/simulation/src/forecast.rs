@@ -2,10 +2,11 @@
 
 mod recorder;
 
+use crate::{
+    machine_answers::{self, MachineAnswers, homes, probes},
+    replay::TwoContacts,
+};
 use anyhow::Result;
-use simulation::machine_answers::{self, MachineAnswers, homes, probes};
-
-use crate::replay::TwoContacts;
 use recorder::Recorder;
 
 /// How far the machine is.
@@ -19,9 +20,18 @@ struct Entries {
     may_wait: bool,
 }
 
+/// A line that is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RefusedLine {
+    /// Its number, counted from 1.
+    pub line: usize,
+    /// Why: the number of the error.
+    pub error: u16,
+}
+
 /// What a job does on the virtual machine.
 #[derive(Debug, Default)]
-pub(crate) struct Forecast {
+pub struct Forecast {
     /// When each line is answered, s from the first.
     answered_s: Vec<f64>,
     /// How far the machine was when each line was answered.
@@ -33,35 +43,35 @@ pub(crate) struct Forecast {
     /// When the first line that is sent begins, s.
     start_s: f64,
     /// How long the job takes, s, without pauses of the operator.
-    pub(crate) total_s: f64,
-    /// Lines that are refused, to read.
-    pub(crate) refused: Vec<String>,
+    pub total_s: f64,
+    /// Lines that are refused.
+    pub refused: Vec<RefusedLine>,
     /// The first line that probes, counted from 0. Its contact is unknown, so that all times are estimates: of probing
     /// moves without contact.
-    pub(crate) probing: Option<usize>,
+    pub probing: Option<usize>,
 }
 
 impl Forecast {
-    /// Runs a job, and asks now and then whether it is to be stopped.
+    /// Runs a job, and tells now and then how many lines have been answered. An error then ends the run.
     ///
     /// # Errors
-    /// It ends in an alarm, or was [`Stopped`](crate::link::Stopped).
-    pub(crate) fn of(
+    /// The job ends in an alarm, or the run was ended.
+    pub fn of(
         answers: &MachineAnswers,
         lines: &[Vec<u8>],
         baud: u32,
-        is_stopped: impl FnMut() -> Result<bool>,
+        watch: impl FnMut(usize) -> Result<()>,
     ) -> Result<Self> {
-        Self::passing(None, answers, lines, baud, is_stopped)
+        Self::passing(None, answers, lines, baud, watch)
     }
 
     /// The same for a job that has been stopped at a machine position, for [`Self::stopped_in`].
-    pub(crate) fn passing(
+    pub fn passing(
         place: Option<&[f64]>,
         answers: &MachineAnswers,
         lines: &[Vec<u8>],
         baud: u32,
-        is_stopped: impl FnMut() -> Result<bool>,
+        watch: impl FnMut(usize) -> Result<()>,
     ) -> Result<Self> {
         let is_homed = lines.iter().any(|line| homes(line));
         let settings = machine_answers::settings(answers);
@@ -75,12 +85,12 @@ impl Forecast {
         (answers.settings).extend(without.map(|(_, setting)| (*setting).to_owned()));
         let mut simulator = machine_answers::simulator(&answers, is_homed)?;
         let mut recorder = Recorder::new(lines, place, &simulator);
-        let end = recorder.play(&mut simulator, baud, is_stopped)?;
+        let end = recorder.play(&mut simulator, baud, watch)?;
         recorder.judge(end, &simulator, contacts)
     }
 
     /// The job is sent from a line on, counted from 0.
-    pub(crate) fn begin_at(&mut self, line: usize) {
+    pub fn begin_at(&mut self, line: usize) {
         let first = self.begun.partition_point(|(_, begun)| *begun < line);
         let first = self.begun.get(first);
         self.start_s = first.map_or(self.total_s, |(begin_s, _)| *begin_s);
@@ -112,7 +122,7 @@ impl Forecast {
     }
 
     /// The first line, counted from 0, that a machine may not have carried out when it had answered so many.
-    pub(crate) fn first_undone(&self, answered: usize) -> usize {
+    pub fn first_undone(&self, answered: usize) -> usize {
         let Some(last) = answered
             .checked_sub(1)
             .and_then(|last| self.entries.get(last))
@@ -129,7 +139,7 @@ impl Forecast {
 
     /// The line, counted from 0, in which a machine was stopped when it had answered so many: the first one that passes
     /// the place at which it stopped. Where that place is unknown, or the path is not certain, [`Self::first_undone`].
-    pub(crate) fn stopped_in(&self, answered: usize) -> usize {
+    pub fn stopped_in(&self, answered: usize) -> usize {
         let undone = self.first_undone(answered);
         let last = answered.min(self.entries.len().saturating_sub(1));
         let mut waiting = self.entries[undone.min(last)..=last].iter();
@@ -146,19 +156,18 @@ impl Forecast {
 mod tests {
     //! Jobs in advance.
 
+    use super::*;
+    use crate::{machine_answers::UNLIMITED_BAUD, playing::ask};
+    use anyhow::ensure;
     use leadscrew::{
         axis::AXES,
         settings::Settings,
         sim::{Edge, Simulator, Stream, Watcher},
     };
-    use simulation::machine_answers::UNLIMITED_BAUD;
-
-    use super::*;
-    use crate::link::Stopped;
 
     fn answers() -> MachineAnswers {
         let mut simulator = Simulator::new(&Settings::default());
-        let settings = simulation::play::ask(&mut simulator, b"$+\n");
+        let settings = ask(&mut simulator, b"$+\n");
         MachineAnswers {
             settings,
             position: vec![0.0; AXES],
@@ -170,23 +179,21 @@ mod tests {
         text.lines().map(|line| line.as_bytes().to_vec()).collect()
     }
 
-    #[expect(
-        clippy::unnecessary_wraps,
-        reason = "as what asks for Ctrl-C, which may fail"
-    )]
-    fn never() -> Result<bool> {
-        Ok(false)
+    #[expect(clippy::unnecessary_wraps, reason = "as what may end the run")]
+    fn never(_: usize) -> Result<()> {
+        Ok(())
     }
 
     #[test]
     fn a_long_job_is_stopped_while_it_is_tried() {
         let job = lines("G1 X1000 F6000\nX0\nX1000\nX0");
         let mut asked = 0;
-        let error = Forecast::of(&answers(), &job, UNLIMITED_BAUD, || {
+        let error = Forecast::of(&answers(), &job, UNLIMITED_BAUD, |_| {
             asked += 1;
-            Ok(asked == 2)
+            ensure!(asked < 2, "stopped");
+            Ok(())
         });
-        assert!(error.unwrap_err().is::<Stopped>());
+        assert_eq!(error.unwrap_err().to_string(), "stopped");
         assert_eq!(asked, 2);
     }
 
@@ -210,8 +217,7 @@ mod tests {
     fn what_is_refused_and_what_rises_an_alarm_is_known_before() {
         let forecast =
             Forecast::of(&answers(), &lines("G0 X1\nG999"), UNLIMITED_BAUD, never).unwrap();
-        assert_eq!(forecast.refused.len(), 1);
-        assert!(forecast.refused[0].contains("error:20"));
+        assert_eq!(forecast.refused, [RefusedLine { line: 2, error: 20 }]);
         let mut guarded = answers();
         guarded.settings.extend(["$22=1".into(), "$20=1".into()]);
         let error =
@@ -296,15 +302,14 @@ mod tests {
 mod stopped {
     //! Jobs that are stopped at many moments, and the line in which that was.
 
+    use super::*;
+    use crate::{machine_answers::UNLIMITED_BAUD, playing::ask};
     use grbl_client::Report;
     use leadscrew::{
         axis::AXES,
         settings::{Settings, assign},
         sim::{Edge, PlayedSegment, SegmentKind, Simulator, Stream, Watcher},
     };
-    use simulation::{machine_answers::UNLIMITED_BAUD, play::ask};
-
-    use super::*;
 
     /// A job of which the lines are answered long before they are carried out, and cross each other.
     const JOB: &str = "\
@@ -404,7 +409,7 @@ X0 Y0
         let place = Report::read(&report)
             .and_then(|report| report.machine_position())
             .unwrap();
-        let never = || Ok(false);
+        let never = |_| Ok(());
         let forecast =
             Forecast::passing(Some(&place), answers, &lines(job), UNLIMITED_BAUD, never).unwrap();
         let answered = done.answered;

@@ -6,28 +6,29 @@ use crate::forecast::Forecast;
 
 /// How far a job is, as the operator sees it.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Progress {
+pub struct Progress {
     /// The line that is carried out, counted from 0.
-    pub(crate) line: usize,
+    pub line: usize,
     /// The time that is left, s.
-    pub(crate) left_s: f64,
+    pub left_s: f64,
     /// The time is an estimate.
-    pub(crate) is_estimated: bool,
+    pub is_estimated: bool,
 }
 
 /// The clock of a job, which stands in a hold.
 #[derive(Debug, Default)]
-pub(crate) struct JobClock {
+pub struct JobClock {
     /// The lines that have been answered.
     answered: usize,
     /// The motion since then, s.
     since_s: f64,
-    pub(crate) progress: Progress,
+    /// How far the job is.
+    pub progress: Progress,
 }
 
 impl JobClock {
     /// Takes the time that has passed, s.
-    pub(crate) fn tick(&mut self, forecast: &Forecast, job: &Transmission, passed_s: f64) {
+    pub fn tick(&mut self, forecast: &Forecast, job: &Transmission, passed_s: f64) {
         if self.answered != job.answered() {
             self.answered = job.answered();
             self.since_s = 0.0;
@@ -46,13 +47,12 @@ impl JobClock {
 
 #[cfg(test)]
 mod tests {
-    use leadscrew::{axis::AXES, settings::Settings, sim::Simulator};
-    use simulation::{
-        machine_answers::{MachineAnswers, UNLIMITED_BAUD},
-        play::ask,
-    };
-
     use super::*;
+    use crate::{
+        machine_answers::{MachineAnswers, UNLIMITED_BAUD},
+        playing::ask,
+    };
+    use leadscrew::{axis::AXES, settings::Settings, sim::Simulator};
 
     /// Reports of a machine that tells no line number.
     const RUN: &str = "<Run|MPos:0.000,0.000,0.000|FS:0,0|Ov:100,100,100>";
@@ -68,7 +68,7 @@ mod tests {
             ..MachineAnswers::default()
         };
         let lines: Vec<_> = text.lines().map(|line| line.as_bytes().to_vec()).collect();
-        let forecast = Forecast::of(&answers, &lines, UNLIMITED_BAUD, || Ok(false)).unwrap();
+        let forecast = Forecast::of(&answers, &lines, UNLIMITED_BAUD, |_| Ok(())).unwrap();
         let mut job = Transmission::new(&[], &lines, 0, false);
         job.take_output();
         (forecast, job)

@@ -7,7 +7,7 @@ use leadscrew::{
 };
 
 use super::*;
-use simulation::machine_answers::UNLIMITED_BAUD;
+use crate::machine_answers::UNLIMITED_BAUD;
 
 pub(super) const DESCENT: Plunge = Plunge {
     feed_mm_min: 150.0,

@@ -2,22 +2,21 @@
 
 use std::fmt::Write as _;
 
-use leadscrew::{
-    settings::assign,
-    sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
-};
-use simulation::{
-    machine_answers::{MachineAnswers, UNLIMITED_BAUD},
-    play,
-};
-
 use super::{
     tests::{DESCENT, lines},
     *,
 };
-use crate::forecast::Forecast;
+use crate::{
+    forecast::Forecast,
+    machine_answers::{MachineAnswers, UNLIMITED_BAUD},
+    playing,
+};
+use leadscrew::{
+    settings::assign,
+    sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
+};
 
-#[path = "../../../../tests/support/machined.rs"]
+#[path = "../../../send/tests/support/machined.rs"]
 mod machined;
 
 use machined::MachinedPath;
@@ -159,12 +158,12 @@ fn whenever_the_cable_is_pulled_out_a_continued_job_removes_the_same_material() 
     let settings = settings();
     let mut simulator = Box::new(Simulator::new(&settings));
     let answers = MachineAnswers {
-        settings: play::ask(&mut simulator, b"$+\n"),
+        settings: playing::ask(&mut simulator, b"$+\n"),
         position: vec![0.0; AXES],
         ..MachineAnswers::default()
     };
     let job = lines(JOB);
-    let forecast = Forecast::of(&answers, &job, UNLIMITED_BAUD, || Ok(false)).unwrap();
+    let forecast = Forecast::of(&answers, &job, UNLIMITED_BAUD, |_| Ok(())).unwrap();
     let beginning = Beginning {
         interpreter: simulator.session().interpreter().clone(),
         is_placed: true,
@@ -183,9 +182,9 @@ fn whenever_the_cable_is_pulled_out_a_continued_job_removes_the_same_material() 
         let pulled = u64::from(tool_path.changes) * u64::from(moment) / u64::from(MOMENTS);
         stream(&mut simulator, JOB, &mut done, pulled as u32);
         done.go_on(&mut simulator, coast);
-        play::ask(&mut simulator, b"!");
+        playing::ask(&mut simulator, b"!");
         done.go_on(&mut simulator, u32::MAX);
-        play::ask(&mut simulator, b"\x18");
+        playing::ask(&mut simulator, b"\x18");
         let held = done.places.last().copied().unwrap();
         held_below += u32::from(held[2] < SURFACE);
 
