@@ -3,6 +3,7 @@
 mod recorder;
 
 use crate::{
+    line_times::LineTimes,
     machine_answers::{self, MachineAnswers, homes, probes},
     replay::TwoContacts,
 };
@@ -32,23 +33,14 @@ pub struct RefusedLine {
 /// What a job does on the virtual machine.
 #[derive(Debug, Default)]
 pub struct Forecast {
-    /// When each line is answered, s from the first.
-    answered_s: Vec<f64>,
+    /// When its lines are answered and carried out.
+    pub times: LineTimes,
     /// How far the machine was when each line was answered.
     entries: Vec<Entries>,
-    /// When lines begin to move the machine, s from the first, and the lines, counted from 0.
-    begun: Vec<(f64, usize)>,
     /// The lines in which the machine is where the real one was stopped.
     passing: Vec<usize>,
-    /// When the first line that is sent begins, s.
-    start_s: f64,
-    /// How long the job takes, s, without pauses of the operator.
-    pub total_s: f64,
     /// Lines that are refused.
     pub refused: Vec<RefusedLine>,
-    /// The first line that probes, counted from 0. Its contact is unknown, so that all times are estimates: of probing
-    /// moves without contact.
-    pub probing: Option<usize>,
 }
 
 impl Forecast {
@@ -89,61 +81,26 @@ impl Forecast {
         recorder.judge(end, &simulator, contacts)
     }
 
-    /// The job is sent from a line on, counted from 0.
-    pub fn begin_at(&mut self, line: usize) {
-        let first = self.begun.partition_point(|(_, begun)| *begun < line);
-        let first = self.begun.get(first);
-        self.start_s = first.map_or(self.total_s, |(begin_s, _)| *begin_s);
-    }
-
-    /// The time of the virtual machine when so many lines have been answered, and so long ago, s.
-    pub(crate) fn time_s(&self, answered: usize, since_s: f64) -> f64 {
-        let at = |lines: usize| match lines.checked_sub(1) {
-            None => 0.0,
-            Some(index) => self.answered_s.get(index).copied().unwrap_or(self.total_s),
-        };
-        // The next answer is late where an override or a hold makes it so.
-        (at(answered) + since_s)
-            .min(at(answered + 1))
-            .max(self.start_s)
-    }
-
-    /// The line that the virtual machine carries out at a time, s, counted from 0.
-    pub(crate) fn line_at(&self, time_s: f64) -> usize {
-        let begun = self
-            .begun
-            .partition_point(|(begin_s, _)| *begin_s <= time_s);
-        self.begun[..begun].last().map_or(0, |(_, line)| *line)
-    }
-
-    /// The time that is left when so many lines have been answered, and so long ago, s.
-    pub(crate) fn remaining_s(&self, answered: usize, since_s: f64) -> f64 {
-        (self.total_s - self.time_s(answered, since_s)).max(0.0)
-    }
-
-    /// The first line, counted from 0, that a machine may not have carried out when it had answered so many.
-    pub fn first_undone(&self, answered: usize) -> usize {
-        let Some(last) = answered
-            .checked_sub(1)
-            .and_then(|last| self.entries.get(last))
-        else {
-            return 0;
-        };
-        let is_undone = |entries: &Entries| entries.needed > last.finished;
-        self.entries
-            .iter()
-            .take(answered)
-            .position(is_undone)
-            .unwrap_or(answered)
+    /// Notes, for each number of answers, which line may not be carried out yet.
+    fn note_undone(&mut self) {
+        let mut undone = 0;
+        self.times.undone = vec![0];
+        for (answered, last) in (1..).zip(&self.entries) {
+            let is_done = |entries: &Entries| entries.needed <= last.finished;
+            while undone < answered && is_done(&self.entries[undone]) {
+                undone += 1;
+            }
+            self.times.undone.push(undone as u32);
+        }
     }
 
     /// The line, counted from 0, in which a machine was stopped when it had answered so many: the first one that passes
-    /// the place at which it stopped. Where that place is unknown, or the path is not certain, [`Self::first_undone`].
+    /// the place at which it stopped. Where that place is unknown, or the path is not certain, [`LineTimes::first_undone`].
     pub fn stopped_in(&self, answered: usize) -> usize {
-        let undone = self.first_undone(answered);
+        let undone = self.times.first_undone(answered);
         let last = answered.min(self.entries.len().saturating_sub(1));
         let mut waiting = self.entries[undone.min(last)..=last].iter();
-        let is_probed = self.probing.is_some_and(|line| line <= last);
+        let is_probed = self.times.probing.is_some_and(|line| line <= last);
         if is_probed || waiting.any(|entries| entries.may_wait) {
             return undone;
         }
@@ -184,6 +141,11 @@ mod tests {
         Ok(())
     }
 
+    /// The time that is left when so many lines have been answered, and so long ago, s.
+    fn left_s(forecast: &Forecast, answered: usize, since_s: f64) -> f64 {
+        forecast.times.total_s - forecast.times.time_s(answered, since_s)
+    }
+
     #[test]
     fn a_long_job_is_stopped_while_it_is_tried() {
         let job = lines("G1 X1000 F6000\nX0\nX1000\nX0");
@@ -202,15 +164,15 @@ mod tests {
         let job = lines("G1 X10 F600\nX0\nG4 P2\nG4 P1");
         let forecast = Forecast::of(&answers(), &job, UNLIMITED_BAUD, never).unwrap();
         assert!(
-            (6.0..8.0).contains(&forecast.total_s),
+            (6.0..8.0).contains(&forecast.times.total_s),
             "{}",
-            forecast.total_s
+            forecast.times.total_s
         );
-        let left = [0, 1, 2, 3, 4].map(|answered| forecast.remaining_s(answered, 0.0));
+        let left = [0, 1, 2, 3, 4].map(|answered| left_s(&forecast, answered, 0.0));
         assert!(left.is_sorted_by(|a, b| a >= b), "{left:?}");
         assert!((left[3] - 1.0).abs() < 0.1 && left[4] == 0.0, "{left:?}");
         // A line that takes longer than planned does not shorten the lines after it.
-        assert!((forecast.remaining_s(2, 3600.0) - 1.0).abs() < 0.1);
+        assert!((left_s(&forecast, 2, 3600.0) - 1.0).abs() < 0.1);
     }
 
     #[test]
@@ -231,14 +193,14 @@ mod tests {
         let moves: Vec<_> = (1..400).map(|x| format!("G1 X{x} F600")).collect();
         let job = lines(&format!("{}\nG4 P0.1\nG1 X0\n", moves.join("\n")));
         let forecast = Forecast::of(&answers(), &job, UNLIMITED_BAUD, never).unwrap();
-        assert_eq!(forecast.first_undone(0), 0);
+        assert_eq!(forecast.times.first_undone(0), 0);
         // All of these are answered before the first millimetre is done.
-        assert_eq!(forecast.first_undone(5), 0);
-        let late = forecast.first_undone(350);
+        assert_eq!(forecast.times.first_undone(5), 0);
+        let late = forecast.times.first_undone(350);
         assert!((1..345).contains(&late), "{late}");
         // The dwell is answered when everything before it has been done; the line after it may have come
         // before its answer.
-        assert_eq!(forecast.first_undone(400), 399);
+        assert_eq!(forecast.times.first_undone(400), 399);
     }
 
     /// How far X is when each line is answered, steps.
@@ -284,7 +246,7 @@ mod tests {
                     .with_statements_at_rest()
                     .run(&mut reached);
                 for (answered, steps) in (1..).zip(reached.at_answers) {
-                    let undone = forecast.first_undone(answered);
+                    let undone = forecast.times.first_undone(answered);
                     let ends = job[..undone].iter().filter(|line| line.starts_with(b"G1"));
                     // 250 steps in a millimetre.
                     let end: i32 = ends.map(|_| 125).sum();
@@ -416,7 +378,7 @@ X0 Y0
         [
             done.line,
             forecast.stopped_in(answered),
-            forecast.first_undone(answered),
+            forecast.times.first_undone(answered),
         ]
     }
 

@@ -45,6 +45,19 @@ pub struct Job {
     pub curves: Vec<u8>,
 }
 
+impl Job {
+    /// The tools in the spindle, 0 for none, each with the first line at which it is there.
+    pub fn tools(&self) -> Vec<(u8, u64)> {
+        let mut tools: Vec<(u8, u64)> = Vec::new();
+        for Programmed { line, tool, .. } in &self.programmed {
+            if !tools.iter().any(|(known, _)| known == tool) {
+                tools.push((*tool, *line));
+            }
+        }
+        tools
+    }
+}
+
 /// An axis.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(crate) struct Axis {

@@ -26,6 +26,7 @@ pub mod interrupt;
 mod job;
 pub mod job_times;
 pub mod junction;
+pub mod line_times;
 #[cfg(feature = "os")]
 pub mod lock;
 pub mod machine;
@@ -47,6 +48,7 @@ mod recording;
 #[cfg(feature = "os")]
 mod refusal;
 mod refusals;
+pub mod rehearsal;
 mod replay;
 pub mod resume;
 #[cfg(feature = "os")]
@@ -66,7 +68,7 @@ pub use job::Job;
 pub use recording::Recording;
 #[cfg(feature = "os")]
 pub use refusal::{alarm_row, refusal};
-pub use refusals::{Cause, Refusals, line_error};
+pub use refusals::{Cause, RefusalRow, Refusals, line_error};
 pub use switch_positions::SwitchPositions;
 pub use waypoints::Waypoint;
 

@@ -2,10 +2,10 @@
 
 use grbl_client::transmission::Transmission;
 
-use crate::forecast::Forecast;
+use crate::line_times::LineTimes;
 
 /// How far a job is, as the operator sees it.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Progress {
     /// The line that is carried out, counted from 0.
     pub line: usize,
@@ -15,9 +15,35 @@ pub struct Progress {
     pub is_estimated: bool,
 }
 
+/// What a machine has reported of a job.
+#[derive(Debug, Clone, Copy)]
+pub struct JobReport {
+    /// The lines that have been answered, with those before the first one that was sent.
+    pub answered: usize,
+    /// The first line, counted from 0, that may not be carried out yet.
+    pub undone: usize,
+    /// The machine is held, at rest.
+    pub is_held: bool,
+    /// The override of the feed, %.
+    pub feed_percent: u16,
+}
+
+impl From<&Transmission> for JobReport {
+    fn from(job: &Transmission) -> Self {
+        Self {
+            answered: job.answered(),
+            undone: job.undone,
+            is_held: job.status.report.is_held(),
+            feed_percent: job.status.overrides[0],
+        }
+    }
+}
+
 /// The clock of a job, which stands in a hold.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct JobClock {
+    /// When the first line that is sent begins, s.
+    start_s: f64,
     /// The lines that have been answered.
     answered: usize,
     /// The motion since then, s.
@@ -27,21 +53,29 @@ pub struct JobClock {
 }
 
 impl JobClock {
-    /// Takes the time that has passed, s.
-    pub fn tick(&mut self, forecast: &Forecast, job: &Transmission, passed_s: f64) {
-        if self.answered != job.answered() {
-            self.answered = job.answered();
-            self.since_s = 0.0;
-        } else if !job.status.report.is_held() {
-            self.since_s += passed_s * f64::from(job.status.overrides[0]) / 100.0;
+    /// The clock of a job that is sent from a line on, counted from 0.
+    pub fn beginning_at(times: &LineTimes, line: usize) -> Self {
+        Self {
+            start_s: times.begin_s(line),
+            ..Self::default()
         }
-        let now_s = forecast.time_s(self.answered, self.since_s);
-        let line = forecast.line_at(now_s);
+    }
+
+    /// Takes the time that has passed, s.
+    pub fn tick(&mut self, times: &LineTimes, job: JobReport, passed_s: f64) {
+        if self.answered != job.answered {
+            self.answered = job.answered;
+            self.since_s = 0.0;
+        } else if !job.is_held {
+            self.since_s += passed_s * f64::from(job.feed_percent) / 100.0;
+        }
+        let now_s = times.time_s(self.answered, self.since_s).max(self.start_s);
+        let line = times.line_at(now_s);
         let last = self.answered.max(job.undone);
         let progress = &mut self.progress;
         progress.line = line.clamp(job.undone, last).max(progress.line);
-        progress.left_s = forecast.remaining_s(self.answered, self.since_s);
-        progress.is_estimated = forecast.probing.is_some();
+        progress.left_s = (times.total_s - now_s).max(0.0);
+        progress.is_estimated = times.probing.is_some();
     }
 }
 
@@ -49,6 +83,7 @@ impl JobClock {
 mod tests {
     use super::*;
     use crate::{
+        forecast::Forecast,
         machine_answers::{MachineAnswers, UNLIMITED_BAUD},
         playing::ask,
     };
@@ -60,7 +95,7 @@ mod tests {
     const BRAKING: &str = "<Hold:1|MPos:0.000,0.000,0.000|FS:0,0>";
     const HELD: &str = "<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>";
 
-    fn begin(text: &str) -> (Forecast, Transmission) {
+    fn begin(text: &str) -> (LineTimes, Transmission) {
         let mut simulator = Simulator::new(&Settings::default());
         let answers = MachineAnswers {
             settings: ask(&mut simulator, b"$+\n"),
@@ -71,23 +106,23 @@ mod tests {
         let forecast = Forecast::of(&answers, &lines, UNLIMITED_BAUD, |_| Ok(())).unwrap();
         let mut job = Transmission::new(&[], &lines, 0, false);
         job.take_output();
-        (forecast, job)
+        (forecast.times, job)
     }
 
     /// Lets the machine answer and time pass, and returns the line from 1 and the time that is left.
     fn pass(
         clock: &mut JobClock,
-        to: (&Forecast, &mut Transmission),
+        to: (&LineTimes, &mut Transmission),
         received: &[&str],
         s: f64,
     ) -> (usize, f64) {
-        let (forecast, job) = to;
+        let (times, job) = to;
         let before_s = clock.progress.left_s;
         for line in received {
             job.receive(line);
         }
-        job.undone = forecast.first_undone(job.answered());
-        clock.tick(forecast, job, s);
+        job.undone = times.first_undone(job.answered());
+        clock.tick(times, JobReport::from(&*job), s);
         let Progress { line, left_s, .. } = clock.progress;
         assert!(
             before_s == 0.0 || left_s <= before_s,
@@ -99,9 +134,9 @@ mod tests {
     #[test]
     fn the_line_in_execution_is_shown_and_the_time_stands_in_a_hold() {
         // All are answered within the first.
-        let (forecast, mut job) = begin("G1 X10 F600\nX20\nX30\nX40\nG4 P1");
+        let (times, mut job) = begin("G1 X10 F600\nX20\nX30\nX40\nG4 P1");
         let mut clock = JobClock::default();
-        let mut pass = |received: &[&str], s| pass(&mut clock, (&forecast, &mut job), received, s);
+        let mut pass = |received: &[&str], s| pass(&mut clock, (&times, &mut job), received, s);
         assert_eq!(pass(&[RUN, "ok", "ok", "ok", "ok"], 0.0).0, 1);
         let (line, left_s) = pass(&[RUN], 2.0);
         assert!(line == 2 && (4.0..5.0).contains(&left_s), "{line} {left_s}");
@@ -121,9 +156,9 @@ mod tests {
 
     #[test]
     fn an_early_contact_takes_the_rest_of_the_probing_move_off_the_time() {
-        let (forecast, mut job) = begin("G0 Z-1\nG38.2 Z-21 F60\nG0 Z5\nG1 X10 F600");
+        let (times, mut job) = begin("G0 Z-1\nG38.2 Z-21 F60\nG0 Z5\nG1 X10 F600");
         let mut clock = JobClock::default();
-        let mut pass = |received: &[&str], s| pass(&mut clock, (&forecast, &mut job), received, s);
+        let mut pass = |received: &[&str], s| pass(&mut clock, (&times, &mut job), received, s);
         pass(&[RUN, "ok"], 0.0);
         let (line, probing_s) = pass(&[RUN], 5.0);
         assert!(

@@ -12,6 +12,7 @@ use leadscrew::{
     axis::{AXES, LETTERS},
     gcode::{LineError, Modal, ParsedLine},
 };
+use serde::{Deserialize, Serialize};
 
 /// Refused lines that are printed one by one; the table has all of them.
 const PRINTED: u64 = 20;
@@ -53,6 +54,34 @@ impl Cause {
         let is_of_error = line_error(number).is_some_and(|error| error.text() == self.why);
         let with_remedy = is_of_error.then(|| meaning::error_with_remedy(number));
         with_remedy.flatten().unwrap_or_else(|| self.why.clone())
+    }
+}
+
+/// A cause in a table that is kept as JSON.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RefusalRow {
+    /// Number of lines.
+    pub count: u64,
+    /// The word or the kind of line; empty for the line as a whole.
+    pub what: String,
+    /// The reason, and what to do.
+    pub why: String,
+    /// `error:20`.
+    pub answer: String,
+    /// Number of the first line.
+    pub first: u64,
+}
+
+impl RefusalRow {
+    /// The row of a cause.
+    pub fn of(cause: &Cause) -> Self {
+        Self {
+            count: cause.count,
+            what: cause.what.clone(),
+            why: cause.why_with_remedy(),
+            answer: cause.response.to_string(),
+            first: cause.first,
+        }
     }
 }
 

@@ -16,8 +16,12 @@ use leadscrew::{
     settings::Settings,
     units::Nm,
 };
+use serde::{Deserialize, Serialize};
 
-use crate::replay::{Effect, Replay};
+use crate::{
+    machine_answers::{self, MachineAnswers},
+    replay::{Effect, Replay},
+};
 pub use approach::Plunge;
 use approach::{approach, top, words, work_position};
 
@@ -31,15 +35,14 @@ const SHOWN: i64 = 1_000;
 const TRIES: usize = 20;
 
 /// What a job began with, as far as it is known.
-pub struct Beginning {
-    /// Modes, offsets and position.
-    pub interpreter: Interpreter,
+struct Beginning {
+    interpreter: Interpreter,
     /// Whether the position is known.
-    pub is_placed: bool,
+    is_placed: bool,
 }
 
 /// Where a job is continued.
-#[derive(Debug)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
     /// The line, counted from 0.
     pub line: usize,
@@ -53,11 +56,38 @@ pub struct Entry {
     pub position: Vec<String>,
 }
 
+/// [`entry`] at a machine that is known by its answers, of a job that has begun at it as it answered then: `None` where
+/// the line is wanted by the operator alone.
+///
+/// # Errors
+/// There is none, or the virtual machine cannot be as the machine is.
+pub fn entry_of_answers(
+    lines: &[Vec<u8>],
+    wanted: usize,
+    began: Option<&MachineAnswers>,
+    now: &MachineAnswers,
+    plunge: Plunge,
+) -> Result<Entry> {
+    let interpreter = |answers: &MachineAnswers| -> Result<_> {
+        let simulator = machine_answers::simulator(answers, false)?;
+        Ok(simulator.session().interpreter().clone())
+    };
+    let settings = machine_answers::settings(now);
+    let mut beginning = Beginning {
+        interpreter: interpreter(began.unwrap_or(now))?,
+        is_placed: began.is_some(),
+    };
+    let now = interpreter(now)?;
+    // The operator may have measured the workpiece anew.
+    beginning.interpreter.set_origins(&now.offsets().origins);
+    entry(lines, wanted, &beginning, &now, &settings, plunge)
+}
+
 /// Finds the last line up to `wanted` at which a job can be continued by a machine that stands as `now`.
 ///
 /// # Errors
 /// There is none.
-pub fn entry(
+fn entry(
     lines: &[Vec<u8>],
     wanted: usize,
     beginning: &Beginning,

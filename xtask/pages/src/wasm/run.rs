@@ -11,7 +11,7 @@ use leadscrew::{
 };
 use serde::Serialize;
 use simulation::{
-    Cause, Recording, SwitchPositions,
+    Recording, RefusalRow, SwitchPositions,
     figures::Figures,
     playing::{self, Playing},
     program::{Program, encoding_warning},
@@ -51,30 +51,8 @@ struct Summary<'a> {
     motion_time_s: f64,
     /// `Idle`.
     end: &'a str,
-    causes: Vec<RefusalRow<'a>>,
+    causes: Vec<RefusalRow>,
     warnings: Vec<String>,
-}
-
-/// Why lines were refused.
-#[derive(Serialize)]
-struct RefusalRow<'a> {
-    count: u64,
-    what: &'a str,
-    why: String,
-    answer: String,
-    first: u64,
-}
-
-impl<'a> RefusalRow<'a> {
-    fn of(cause: &'a Cause) -> Self {
-        Self {
-            count: cause.count,
-            what: &cause.what,
-            why: cause.why_with_remedy(),
-            answer: cause.response.to_string(),
-            first: cause.first,
-        }
-    }
 }
 
 impl Run {

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use super::{Entries, Forecast, RefusedLine};
 use crate::{
+    line_times::LineTimes,
     machine_answers::{probes, without_contact},
     playing::{outside_travel, reason_of_alarm},
     replay::TwoContacts,
@@ -75,7 +76,10 @@ impl<'a> Recorder<'a> {
                 (place, if is_in_inches { 25.4 } else { 1.0 })
             }),
             forecast: Forecast {
-                probing: lines.iter().position(|line| probes(line)),
+                times: LineTimes {
+                    probing: lines.iter().position(|line| probes(line)),
+                    ..LineTimes::default()
+                },
                 ..Forecast::default()
             },
             refused: Vec::new(),
@@ -99,7 +103,7 @@ impl<'a> Recorder<'a> {
             if let Some(end) = stream.pump(self, SHOWN) {
                 break end;
             }
-            watch(self.forecast.answered_s.len())?;
+            watch(self.forecast.times.answered_s.len())?;
         };
         drop(stream);
         self.change(simulator);
@@ -116,8 +120,9 @@ impl<'a> Recorder<'a> {
         simulator: &Simulator,
         mut contacts: TwoContacts,
     ) -> Result<Forecast> {
+        self.forecast.note_undone();
         if let Some((answered, number, reason)) = &self.alarm {
-            let undone = self.forecast.first_undone(*answered);
+            let undone = self.forecast.times.first_undone(*answered);
             let place = match meaning::line_of_alarm(number) {
                 Some(LineOfAlarm::InExecution) if undone < *answered => {
                     format!("one of the lines {} to {}", undone + 1, answered + 1)
@@ -157,7 +162,7 @@ impl<'a> Recorder<'a> {
                 bail!("{} would end in ALARM:{number}{reason}", self.place(index));
             }
         }
-        self.forecast.total_s = self.now_s;
+        self.forecast.times.total_s = self.now_s;
         Ok(self.forecast)
     }
 
@@ -177,7 +182,7 @@ impl<'a> Recorder<'a> {
             let step_mm = 1e6 / settings.steps_per_mm[axis].millionths() as f64;
             (position[axis].to_mm_f64() - value * unit_mm).abs() <= step_mm + SHOWN_MM
         };
-        let line = self.forecast.begun.last().map(|(_, line)| *line);
+        let line = self.forecast.times.begun.last().map(|(_, line)| *line);
         if self.forecast.passing.last() != line.as_ref()
             && (0..AXES)
                 .zip(place)
@@ -231,18 +236,23 @@ impl Watcher for Recorder<'_> {
             return;
         };
         // Another number is one of the program, after other words.
-        let latest = self.forecast.begun.last().map_or(0, |(_, latest)| *latest);
-        let is_next = line > latest || self.forecast.begun.is_empty();
+        let latest = self
+            .forecast
+            .times
+            .begun
+            .last()
+            .map_or(0, |(_, latest)| *latest);
+        let is_next = line > latest || self.forecast.times.begun.is_empty();
         if segment.kind != SegmentKind::Standstill
             && is_next
-            && line <= self.forecast.answered_s.len()
+            && line <= self.forecast.times.answered_s.len()
         {
-            self.forecast.begun.push((self.now_s, line));
+            self.forecast.times.begun.push((self.now_s, line));
         }
     }
 
     fn answer(&mut self, line: u64, answer: &[u8]) {
-        self.forecast.answered_s.push(self.now_s);
+        self.forecast.times.answered_s.push(self.now_s);
         self.pending
             .push(self.finished.front().map_or(0, |(_, finished)| *finished));
         let text = String::from_utf8_lossy(answer);
@@ -412,7 +422,7 @@ mod tests {
                 let forecast = forecast(&of_virtual_machine(&mut simulator), &program);
                 let forecast = forecast.unwrap_or_else(|error| panic!("{assignments:?}: {error}"));
                 assert_eq!(forecast.refused, [], "{assignments:?}");
-                assert_eq!(forecast.probing, Some(4));
+                assert_eq!(forecast.times.probing, Some(4));
                 for depth_mm in [1.0, 5.0, 9.5, 14.0, 19.0] {
                     let mut simulator = homed(&settings);
                     run(&mut simulator, &origins);
@@ -496,7 +506,7 @@ mod tests {
     #[test]
     fn the_times_of_a_program_that_probes_are_those_without_contact() {
         let machine = guarded(&[]);
-        let travelled = |text: &str| forecast(&machine, text).unwrap().total_s;
+        let travelled = |text: &str| forecast(&machine, text).unwrap().times.total_s;
         let moves =
             |code: &str| travelled(&format!("G21 G90\nG0 Z-9\n{code} Z-39 F60\nG53 G0 Z-1"));
         for code in ["G38.2", "G38.3", "G38.4", "G38.5"] {

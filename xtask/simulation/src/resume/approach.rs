@@ -24,6 +24,17 @@ pub struct Plunge {
     pub reports_tool: bool,
 }
 
+impl Default for Plunge {
+    /// As `send` has it without options.
+    fn default() -> Self {
+        Self {
+            feed_mm_min: 200.0,
+            spin_up_s: 5.0,
+            reports_tool: false,
+        }
+    }
+}
+
 /// The lines that lead a machine in its power-up modes to a state. They move Z to the top and the other axes at rapid
 /// speed, start the spindle, dwell, plunge Z at feed, and set the modes.
 pub(super) fn approach(

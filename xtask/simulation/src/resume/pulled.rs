@@ -163,7 +163,9 @@ fn whenever_the_cable_is_pulled_out_a_continued_job_removes_the_same_material() 
         ..MachineAnswers::default()
     };
     let job = lines(JOB);
-    let forecast = Forecast::of(&answers, &job, UNLIMITED_BAUD, |_| Ok(())).unwrap();
+    let times = Forecast::of(&answers, &job, UNLIMITED_BAUD, |_| Ok(()))
+        .unwrap()
+        .times;
     let beginning = Beginning {
         interpreter: simulator.session().interpreter().clone(),
         is_placed: true,
@@ -189,7 +191,7 @@ fn whenever_the_cable_is_pulled_out_a_continued_job_removes_the_same_material() 
         held_below += u32::from(held[2] < SURFACE);
 
         // Some answers were on the line.
-        let undone = forecast.first_undone(done.answered.saturating_sub(moment as usize % 2));
+        let undone = times.first_undone(done.answered.saturating_sub(moment as usize % 2));
         let wanted = undone.min(job.len() - 1);
         let now = simulator.session().interpreter().clone();
         let mut beginning = Beginning {

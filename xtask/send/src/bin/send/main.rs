@@ -28,9 +28,9 @@ use simulation::{
     machine_answers::{self, UNLIMITED_BAUD},
     output,
     program::{Program, encoding_warning},
-    progress::JobClock,
+    progress::{JobClock, JobReport},
     refusal,
-    resume::{self, Beginning, Entry, Plunge},
+    resume::{self, Entry, Plunge},
     sender::Response,
 };
 
@@ -119,7 +119,7 @@ fn send(
     machine::make_ready(&mut machine, options.home)?;
     let answers = machine.answers()?;
     let began = kept.map_or(&answers, |record| &record.began);
-    let mut forecast = forecast_of(options, began, lines, stop)?;
+    let forecast = forecast_of(options, began, lines, stop)?;
     let (approach, first) = if continues {
         let entry = find_entry(options, kept, &answers, lines, stop)?;
         show(&entry);
@@ -133,7 +133,6 @@ fn send(
     let mut job = Transmission::new(&approach, lines, first, options.despite_refusals);
     // It has the offset in it, which not every report has.
     job.status.clone_from(&machine.status);
-    forecast.begin_at(first);
     let settings = machine_answers::settings(began);
     let travel = |axis| settings.travel(axis).map(|ends| ends.map(Nm::to_mm_f64));
     job.travel_mm = (0..AXES).map(travel).collect();
@@ -143,7 +142,7 @@ fn send(
         machine,
         keyboard,
         screen: Screen::new(lines.len()),
-        clock: JobClock::default(),
+        clock: JobClock::beginning_at(&forecast.times, first),
         forecast,
         first,
         file,
@@ -217,11 +216,11 @@ fn forecast_of(
         );
         ui::warning(&format!("{count} lines will be refused"));
     }
-    let estimate = forecast.probing.map_or(String::new(), |line| {
+    let estimate = forecast.times.probing.map_or(String::new(), |line| {
         let line = line + 1;
         format!(", an estimate: where the probe in line {line} makes contact is unknown")
     });
-    let (count, time) = (lines.len(), duration(forecast.total_s));
+    let (count, time) = (lines.len(), duration(forecast.times.total_s));
     let what = format!("{count} lines, {time}{estimate}");
     ui::status("Job", &what);
     Ok(forecast)
@@ -250,33 +249,13 @@ fn find_entry(
         (None, Some(line)) => line as usize - 1,
         (None, None) => bail!("neither --resume nor --from is given"),
     };
-    let began = kept.map_or(answers, |record| &record.began);
-    let interpreter = |answers: &MachineAnswers| -> Result<_> {
-        Ok(machine_answers::simulator(answers, false)?
-            .session()
-            .interpreter()
-            .clone())
-    };
-    let now = interpreter(answers)?;
-    let mut beginning = Beginning {
-        interpreter: interpreter(began)?,
-        is_placed: kept.is_some(),
-    };
-    // The operator may have measured the workpiece anew.
-    beginning.interpreter.set_origins(&now.offsets().origins);
     let plunge = Plunge {
         feed_mm_min: options.plunge,
         spin_up_s: options.spin_up.as_secs_f32(),
         reports_tool: kept.is_some_and(|record| record.measured.is_some()),
     };
-    let entry = resume::entry(
-        lines,
-        wanted,
-        &beginning,
-        &now,
-        &machine_answers::settings(answers),
-        plunge,
-    )?;
+    let began = kept.map(|record| &record.began);
+    let entry = resume::entry_of_answers(lines, wanted, began, answers, plunge)?;
     if entry.line < wanted {
         let (first, wanted) = (entry.line + 1, wanted + 1);
         println!("Line {wanted} cannot begin a job; it is continued at line {first}.");
@@ -340,11 +319,12 @@ impl Run<'_> {
             self.machine.link.send(&output)?;
             if self.job.answered() != answered {
                 answered = self.job.answered();
-                self.job.undone = self.forecast.first_undone(answered).max(self.first);
+                self.job.undone = self.forecast.times.first_undone(answered).max(self.first);
             }
             let passed_s = ticked.elapsed().as_secs_f64();
             ticked = Instant::now();
-            self.clock.tick(&self.forecast, &self.job, passed_s);
+            let report = JobReport::from(&self.job);
+            self.clock.tick(&self.forecast.times, report, passed_s);
             self.show();
             if kept.is_none_or(|kept| kept.elapsed() >= RECORD_PERIOD) {
                 kept = Some(Instant::now());
