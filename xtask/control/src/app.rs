@@ -7,9 +7,18 @@ use yew::prelude::*;
 
 use crate::{
     areas::{
-        connection::ConnectionArea, console::ConsoleArea, job::HoldBar, jog::JogArea,
-        macros::MacroArea, probe::ProbeArea, program::ProgramArea, settings::SettingsArea,
-        setup::SetupArea, state::StateArea, tables::TablesArea,
+        check::{CheckArea, CheckedView},
+        connection::ConnectionArea,
+        console::ConsoleArea,
+        job::HoldBar,
+        jog::JogArea,
+        macros::MacroArea,
+        probe::ProbeArea,
+        program::ProgramArea,
+        settings::SettingsArea,
+        setup::SetupArea,
+        state::StateArea,
+        tables::TablesArea,
     },
     context::PageContext,
     link::Link,
@@ -20,7 +29,7 @@ use crate::{
 /// What the page was started with.
 #[derive(Clone, PartialEq, Properties)]
 pub struct Start {
-    /// The compiled code, for the worker.
+    /// The compiled code, for workers.
     pub module: JsValue,
     /// The script that loads it in a worker.
     pub worker_address: AttrValue,
@@ -73,6 +82,7 @@ pub fn App(start: &Start) -> Html {
         model,
         link: Rc::clone(&link),
         lines,
+        start: start.clone(),
     };
     html! {
         <ContextProvider<PageContext> context={context}>
@@ -83,6 +93,8 @@ pub fn App(start: &Start) -> Html {
                 <JogArea />
                 <SetupArea />
                 <ProgramArea />
+                <CheckArea />
+                <CheckedView />
                 <ProbeArea />
                 <TablesArea />
                 <MacroArea />

@@ -6,6 +6,7 @@ use grbl_client::client::Command;
 use yew::{UseReducerHandle, hook, use_context};
 
 use crate::{
+    app::Start,
     link::Link,
     model::{Action, Model},
     wire::Transport,
@@ -18,6 +19,8 @@ pub(crate) struct PageContext {
     pub(crate) link: Rc<Link>,
     /// The number of the last line.
     pub(crate) lines: Rc<Cell<u32>>,
+    /// What workers begin with.
+    pub(crate) start: Start,
 }
 
 impl PartialEq for PageContext {
@@ -46,6 +49,11 @@ impl PageContext {
     /// Sends a realtime byte.
     pub(crate) fn byte(&self, byte: u8) {
         self.send(Command::Realtime { byte });
+    }
+
+    /// Leads to a line of the program, counted from 1.
+    pub(crate) fn go_to(&self, line: usize) {
+        self.model.dispatch(Action::GoTo(line));
     }
 
     /// Opens a line to a machine.

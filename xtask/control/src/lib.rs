@@ -2,7 +2,8 @@
 //!
 //! A page and a worker are the same WebAssembly. The page ([`app`]) shows a [`model`] and asks for what the operator
 //! does. A [`link`] leads to the client of the machine: in the [`worker`], which no browser slows down while the page
-//! is hidden, or in the program that serves the page.
+//! is hidden, or in the program that serves the page. What a program will do is found by the [`checker`] in a worker of
+//! its own.
 #![allow(
     clippy::must_use_candidate,
     reason = "a library of one page: what its functions return is what they are called for"
@@ -10,6 +11,7 @@
 
 pub mod app;
 pub mod areas;
+pub mod checker;
 mod context;
 pub mod link;
 pub mod model;
@@ -26,8 +28,14 @@ pub fn start_page(module: JsValue, worker_address: String, server: &str) {
     app::start(module, worker_address, server == "program");
 }
 
-/// Begins the worker.
+/// Begins the worker that has the client of a machine.
 #[wasm_bindgen]
 pub fn start_worker() {
     worker::start();
+}
+
+/// Begins the worker that checks programs.
+#[wasm_bindgen]
+pub fn start_checker() {
+    checker::start();
 }

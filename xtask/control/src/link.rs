@@ -1,6 +1,7 @@
 //! From the page to the client of the machine: in a worker of the page, or in the local program that serves it.
 
 mod program;
+mod to_checker;
 mod to_worker;
 
 use grbl_client::client::Command;
@@ -12,6 +13,7 @@ use crate::{
     worker::{Reply, Request},
 };
 use program::ToProgram;
+pub(crate) use to_checker::ToChecker;
 use to_worker::ToWorker;
 
 /// Where the client is.

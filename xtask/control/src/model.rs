@@ -11,10 +11,17 @@ use grbl_client::{
 };
 use yew::Reducible;
 
-use crate::worker::{Control, Reply};
+mod plan;
 
-/// The questions whose answers are kept, and how those begin that describe a setting.
-const QUESTIONS: [&str; 6] = ["$#", "$TT", "$EG", "$ES", "$I", "$I+"];
+use crate::{
+    checker::CheckReply,
+    worker::{Control, Reply},
+};
+pub(crate) use plan::QUESTIONS as JOB_QUESTIONS;
+pub use plan::{Basis, Check, Checked, FoundEntry, Inquiry, Plan, Purpose};
+
+/// The questions whose answers are kept, beside those that come before a job, and how those begin that describe a setting.
+const QUESTIONS: [&str; 3] = ["$EG", "$ES", "$I+"];
 const DESCRIPTION: &str = "$SED=";
 /// How many lines the console keeps.
 const MOST_LINES: usize = 1000;
@@ -74,6 +81,12 @@ pub struct Program {
 pub struct Model {
     /// The program that is open.
     pub program: Option<Rc<Program>>,
+    /// The line of it that is to be seen, counted from 1.
+    pub go_to: Option<usize>,
+    /// What it will do.
+    pub check: Check,
+    /// What else is known before it runs and while it does.
+    pub plan: Plan,
     /// Whether there is a line to a machine.
     pub connection: Connection,
     /// The machine, as its client knows it.
@@ -118,6 +131,20 @@ pub enum Action {
     Open(Rc<Program>),
     /// The operator says whether the probe was checked.
     TrustProbe(bool),
+    /// The machine is asked what the checker has to know.
+    Ask(Purpose),
+    /// The checker has been asked.
+    Inquire(Box<Inquiry>),
+    /// The checker replies.
+    CheckReply(CheckReply),
+    /// The program is run all the same, or not.
+    Permit(bool),
+    /// The program is sent from a line on, counted from 0.
+    Begin(usize),
+    /// A line of the program is to be seen, counted from 1.
+    GoTo(usize),
+    /// Some time has passed, s.
+    Tick(f64),
 }
 
 impl Reducible for Model {
@@ -184,6 +211,8 @@ impl Model {
                 *self = Self {
                     log: std::mem::take(&mut self.log),
                     program: self.program.take(),
+                    check: std::mem::take(&mut self.check),
+                    plan: std::mem::take(&mut self.plan).kept(),
                     shows_reports: self.shows_reports,
                     entries: self.entries,
                     connection: Connection::Opening,
@@ -191,13 +220,27 @@ impl Model {
                 }
             }
             Action::Sent(number, text) => {
-                self.note.clear();
+                // What is asked before a job is no act of the operator.
+                if !JOB_QUESTIONS.contains(&text.as_str()) {
+                    self.note.clear();
+                }
                 self.unanswered.insert(number, text);
             }
             Action::ShowReports(shows) => self.shows_reports = shows,
             Action::Clear => self.log.clear(),
-            Action::Open(program) => self.program = Some(program),
             Action::TrustProbe(is_checked) => self.is_probe_checked = is_checked,
+            Action::Open(program) => {
+                self.program = Some(program);
+                self.plan.entry = None;
+                self.plan.stopped_in = None;
+            }
+            Action::Ask(purpose) => self.ask(purpose),
+            Action::Inquire(inquiry) => self.begin_inquiry(*inquiry),
+            Action::CheckReply(reply) => self.take_check(reply),
+            Action::Permit(is_permitted) => self.plan.is_permitted = is_permitted,
+            Action::Begin(line) => self.begin_job(line),
+            Action::GoTo(line) => self.go_to = Some(line),
+            Action::Tick(passed_s) => self.tick(passed_s),
         }
     }
 
@@ -212,6 +255,9 @@ impl Model {
                 self.connection = Connection::Closed(reason);
                 self.machine.is_there = false;
                 self.machine.homed = None;
+                if self.plan.asked.is_some() {
+                    self.fail_check("the machine is gone".into());
+                }
                 self.unanswered.clear();
                 self.forget_machine();
             }
@@ -241,7 +287,9 @@ impl Model {
     }
 
     fn take_state(&mut self, state: State) {
+        let was_running = self.is_job_running();
         self.machine = state;
+        self.watch_job(was_running);
         let is_closed = self.machine.pins.contains('P');
         self.is_probe_checked |= self.was_probe_closed && !is_closed;
         self.was_probe_closed |= is_closed;
@@ -279,7 +327,9 @@ impl Model {
             return;
         };
         let is_question = QUESTIONS.contains(&text.as_str()) || text.starts_with(DESCRIPTION);
-        if text.starts_with("$I") && response.starts_with("error:") {
+        if JOB_QUESTIONS.contains(&text.as_str()) {
+            self.take_job_answer(text, lines, response);
+        } else if text.starts_with("$I") && response.starts_with("error:") {
             // A machine that does not know the question has nothing to say: that is an answer.
             self.answers.insert(text, Rc::default());
         } else if let Some(error) = response.strip_prefix("error:") {
@@ -289,6 +339,10 @@ impl Model {
             self.note = format!("{text}: error {error}{meaning}");
         } else if response != "ok" {
             // The machine was reset.
+        } else if text.to_ascii_uppercase().starts_with("$RST") {
+            // Settings and places may be others now.
+            self.answers.clear();
+            self.settings.clear();
         } else if let Line::Setting(number, value) = Line::read(&text) {
             self.take_setting(number, value);
         } else if is_question {
@@ -299,7 +353,7 @@ impl Model {
     /// Another machine may answer, or the same one with other firmware or another probe.
     fn forget_machine(&mut self) {
         self.answers
-            .retain(|question, _| !question.starts_with("$I"));
+            .retain(|question, _| !question.starts_with("$I") && question != "$+");
         self.welcome.clear();
         self.is_probe_checked = false;
         self.was_probe_closed = false;

@@ -24,7 +24,7 @@ const STYLES: [&str; 2] = [
     include_str!("web/page/web.css"),
     include_str!("control/control.css"),
 ];
-/// What begins in the worker.
+/// What begins in a worker.
 const WORKER: &str = include_str!("control/worker.js");
 const SCRIPT: &str = include_str!("control/start.js");
 
@@ -85,6 +85,11 @@ pub fn served(code: Code) -> Vec<File> {
             "/page.css",
             "text/css; charset=utf-8",
             STYLES.concat().into(),
+        ),
+        (
+            "/worker.js",
+            JAVASCRIPT,
+            [code.glue.as_str(), WORKER].concat().into(),
         ),
         ("/glue.js", JAVASCRIPT, code.glue.into()),
         ("/page.js", JAVASCRIPT, SCRIPT.into()),

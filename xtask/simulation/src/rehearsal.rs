@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn behind_a_probe_nothing_is_certain() {
+    fn nothing_is_certain_after_a_probe() {
         let Rehearsed { job, extents, .. } = rehearsed("G0 X5\nG38.2 Z-30 F600\nG0 X20");
         assert_eq!(extents.certain[0], [-50.0, -45.0]);
         assert_eq!(extents.motion[0], [-50.0, -30.0]);

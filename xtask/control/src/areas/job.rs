@@ -6,7 +6,14 @@ use grbl_client::{
 };
 use yew::prelude::*;
 
-use crate::{context::use_page_context, model::Model};
+use crate::{
+    areas::{
+        check::{BeforeRun, is_barred},
+        progress::JobProgress,
+    },
+    context::use_page_context,
+    model::{Action, Model},
+};
 
 /// What stands between the operator and the start of the job: nothing, or what to do first.
 fn obstacle(model: &Model) -> Option<&'static str> {
@@ -113,6 +120,7 @@ pub fn Job() -> Html {
         Callback::from(move |_: MouseEvent| {
             if let Some(program) = &context.model.program {
                 let (name, text) = (program.name.clone(), program.text.clone());
+                context.model.dispatch(Action::Begin(0));
                 context.send(Command::Program { name, text });
                 context.send(Command::Start {
                     line: 0,
@@ -128,7 +136,7 @@ pub fn Job() -> Html {
     html! {
         <>
             if let Some(job) = job { { shown(job) } }
-            <button id="run" type="button" class="main" disabled={obstacle.is_some() || is_running}
+            <button id="run" type="button" class="main" disabled={obstacle.is_some() || is_running || is_barred(model)}
                 onclick={start}>{ start_words(model) }</button>
             if may_take_lines(model) {
                 <button id="take-lines" type="button" onclick={command(Command::TakeLines)}>{ "Jog and probe" }</button>
@@ -136,6 +144,7 @@ pub fn Job() -> Html {
             <button id="stop" type="button" disabled={!is_running || model.is_watching()}
                 onclick={command(Command::Stop)}>{ "Stop" }</button>
             if !is_running {
+                <BeforeRun />
                 <p class="hint">{ obstacle.map_or_else(|| spindle_words(model), Into::into) }</p>
             }
         </>
@@ -153,6 +162,7 @@ fn shown(job: &JobState) -> Html {
             if let Some(words) = standstill(job) {
                 <p id="waits" role="status">{ words }</p>
             }
+            <JobProgress />
         </div>
     }
 }

@@ -80,13 +80,6 @@ fn edited(model: &Model, text: String) -> Program {
     }
 }
 
-/// The line that the job is at, from 1, where the machine says so.
-fn executed_line(model: &Model) -> Option<usize> {
-    let job = model.machine.job.as_ref()?;
-    let is_known = job.is_running && job.executed > 0;
-    is_known.then(|| (job.executed + 1).min(job.lines))
-}
-
 /// How long a program is, in words.
 fn length_words(program: &Program) -> String {
     match program.text.lines().count() {
@@ -104,10 +97,11 @@ pub fn ProgramArea() -> Html {
     let words = use_memo(program.clone(), |program| {
         program.as_deref().map(length_words)
     });
-    let (none, refused) = (
-        use_memo((), |()| Program::default()),
-        use_memo((), |()| BTreeSet::new()),
-    );
+    let none = use_memo((), |()| Program::default());
+    let refused = use_memo(context.model.checked().cloned(), |checked| {
+        let lines = checked.iter().flat_map(|checked| &checked.refused);
+        lines.map(|refused| refused.line).collect::<BTreeSet<_>>()
+    });
     let on_change = {
         let latest = use_mut_ref(|| context.clone());
         *latest.borrow_mut() = context.clone();
@@ -123,7 +117,8 @@ pub fn ProgramArea() -> Html {
             <h2>{ "Program" }</h2>
             <fieldset disabled={is_locked}><Files /></fieldset>
             if let Some(words) = &*words { <p id="program">{ words.clone() }</p> }
-            <Editor program={program.unwrap_or(none)} {refused} executed={executed_line(&context.model)} {is_locked} {on_change} />
+            <Editor program={program.unwrap_or(none)} {refused} executed={context.model.executed_line()}
+                go_to={context.model.go_to} {is_locked} {on_change} />
             <Job />
         </section>
     }
@@ -214,7 +209,7 @@ mod tests {
         ] {
             let mut model = Model::default();
             model.machine.job = job;
-            assert_eq!(executed_line(&model), line);
+            assert_eq!(model.executed_line(), line);
         }
     }
 

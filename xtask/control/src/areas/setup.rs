@@ -21,28 +21,29 @@ pub(crate) fn zero_line(axes: impl IntoIterator<Item = usize>) -> String {
     format!("G10L20P0{}", words.collect::<String>())
 }
 
-/// The lines that lead to the zero of X and Y: Z goes first to where homing has left it. They are jogs, which change no
-/// mode and end with a jog's cancel.
-fn lines_to_zero(model: &Model) -> Vec<String> {
-    let unit = if model.machine.reports_inches {
-        "G20"
+/// The unit of the reports as a word, and the feed in it.
+fn unit_and_feed(model: &Model) -> (&'static str, f64) {
+    if model.machine.reports_inches {
+        ("G20", FEED / 25.4)
     } else {
-        "G21"
-    };
-    let feed = if model.machine.reports_inches {
-        FEED / 25.4
-    } else {
-        FEED
-    };
-    let mut lines = Vec::new();
-    let height = model.machine.homed.as_ref().and_then(|homed| homed.get(2));
-    if let (Some(top), Some(now)) = (height, model.machine.machine.get(2))
-        && top > now
-    {
-        lines.push(format!("$J=G53G90{unit}Z{top:.3}F{feed:.0}"));
+        ("G21", FEED)
     }
-    lines.push(format!("$J=G90{unit}X0Y0F{feed:.0}"));
-    lines
+}
+
+/// The line that brings Z to where homing has left it, where that is known and above. A jog changes no mode and ends with
+/// a jog's cancel.
+pub(crate) fn lift_line(model: &Model) -> Option<String> {
+    let top = model.machine.homed.as_ref()?.get(2)?;
+    let now = model.machine.machine.get(2)?;
+    let (unit, feed) = unit_and_feed(model);
+    (top > now).then(|| format!("$J=G53G90{unit}Z{top:.3}F{feed:.0}"))
+}
+
+/// The lines that lead to the zero of X and Y: Z goes up first. They are jogs.
+fn lines_to_zero(model: &Model) -> Vec<String> {
+    let (unit, feed) = unit_and_feed(model);
+    let line = format!("$J=G90{unit}X0Y0F{feed:.0}");
+    lift_line(model).into_iter().chain([line]).collect()
 }
 
 /// How fast Z goes to zero, mm/min: it may come down near the workpiece.
@@ -121,7 +122,7 @@ pub fn SetupArea() -> Html {
                 { line_button(&context, "Unlock", "Unlock", "$X".into(), is_locked) }
                 <button type="button" disabled={!model.may_operate()} onclick={reset}>{ "Reset" }</button>
             </div>
-            <GoToZero />
+            <CarefulMove name="Go to zero" lines={lines_to_zero(model)} may_go={model.may_jog()} />
             <div role="group" aria-label="Z to zero">{ z_button(&context) }</div>
         </section>
     }
@@ -136,27 +137,39 @@ fn z_button(context: &PageContext) -> Html {
     }
 }
 
-/// To the zero of X and Y. Where the top of Z is not known, the operator is asked.
+/// What a move of X and Y is given.
+#[derive(Clone, PartialEq, Properties)]
+pub(crate) struct CarefulMoveProperties {
+    /// Its name.
+    pub(crate) name: AttrValue,
+    /// Its lines, of which the first raises Z where its top is known.
+    pub(crate) lines: Vec<String>,
+    /// The machine may move.
+    pub(crate) may_go: bool,
+}
+
+/// A move of X and Y. Where the top of Z is not known, the operator is asked.
 #[component]
-fn GoToZero() -> Html {
+pub(crate) fn CarefulMove(properties: &CarefulMoveProperties) -> Html {
     let context = use_page_context();
     let is_asked = use_state(|| false);
-    let may_go = context.model.may_jog();
+    let CarefulMoveProperties {
+        name,
+        lines,
+        may_go,
+    } = properties.clone();
+    let is_homed = context.model.machine.homed.is_some();
     let go = {
-        let (context, is_asked) = (context.clone(), is_asked.clone());
+        let is_asked = is_asked.clone();
         Callback::from(move |_: MouseEvent| {
             is_asked.set(false);
-            for line in lines_to_zero(&context.model) {
-                context.line(&line);
+            for line in &lines {
+                context.line(line);
             }
         })
     };
     let begin = {
-        let (is_homed, is_asked, go) = (
-            context.model.machine.homed.is_some(),
-            is_asked.clone(),
-            go.clone(),
-        );
+        let (is_asked, go) = (is_asked.clone(), go.clone());
         Callback::from(move |event: MouseEvent| {
             if is_homed {
                 go.emit(event);
@@ -170,8 +183,8 @@ fn GoToZero() -> Html {
         Callback::from(move |_: MouseEvent| is_asked.set(false))
     };
     html! {
-        <div role="group" aria-label="Go to zero">
-            <button type="button" disabled={!may_go} onclick={begin}>{ "Go to zero" }</button>
+        <div role="group" aria-label={name.clone()}>
+            <button type="button" disabled={!may_go} onclick={begin}>{ name }</button>
             if *is_asked && may_go {
                 <p role="alert">{ "The machine was not homed, so Z cannot be raised to its top first: X and Y move at the \
                     present height. Is the tool free?" }</p>

@@ -7,6 +7,15 @@ use yew::Callback;
 
 use crate::worker::{Reply, Request};
 
+/// Starts a worker that begins with a function of the page's code.
+pub(super) fn start(module: &JsValue, address: &str, function: &str) -> Option<Worker> {
+    let worker = Worker::new(address).ok()?;
+    let beginning = js_sys::Array::of2(module, &function.into());
+    // Code can always be handed over.
+    let _ = worker.post_message(&beginning);
+    Some(worker)
+}
+
 /// A worker.
 pub struct ToWorker {
     worker: Option<Worker>,
@@ -16,15 +25,13 @@ pub struct ToWorker {
 impl ToWorker {
     /// Starts one that runs the code of the page.
     pub(super) fn new(module: &JsValue, address: &str, replies: Callback<Reply>) -> Self {
-        let Ok(worker) = Worker::new(address) else {
+        let Some(worker) = start(module, address, "start_worker") else {
             replies.emit(Reply::Disconnected("the browser starts no worker".into()));
             return Self {
                 worker: None,
                 _listeners: Vec::new(),
             };
         };
-        // Code can always be handed over.
-        let _ = worker.post_message(module);
         let on_error = replies.clone();
         let listeners = vec![
             EventListener::new(&worker, "message", move |event| {

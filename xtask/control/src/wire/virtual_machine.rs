@@ -26,12 +26,17 @@ pub struct VirtualMachine {
 }
 
 impl VirtualMachine {
-    /// A mill that has just been switched on, at a time in ms.
-    pub fn new(now_ms: u64) -> Self {
+    /// The settings of the mill.
+    pub fn settings() -> Settings {
         let dump = Dump::read(&[MILL, SWITCHES].concat());
         let start = Settings::new(StepRate::Unproven);
         // The tests see to it that no setting is refused.
-        let settings = combine(&start, &dump.entries).map_or(start, |combined| combined.settings);
+        combine(&start, &dump.entries).map_or(start, |combined| combined.settings)
+    }
+
+    /// A mill that has just been switched on, at a time in ms.
+    pub fn new(now_ms: u64) -> Self {
+        let settings = Self::settings();
         let mut simulator = Simulator::new(&settings);
         SwitchPositions::of(&settings).mount_on(&mut simulator);
         Self {

@@ -1,5 +1,6 @@
-/* Begins the client of a machine in a thread of its own: the page sends its code first. */
+/* Begins a thread of the page: the page sends its code first, and the name of the function that begins. */
 self.onmessage = ({ data }) => {
-  wasm_bindgen.initSync({ module: data });
-  wasm_bindgen.start_worker();
+  const [module, start] = data;
+  wasm_bindgen.initSync({ module });
+  wasm_bindgen[start]();
 };

@@ -62,9 +62,9 @@ const STOPS: [u8; 5] = [
 /// The most pages at a time.
 const MOST_PAGES: usize = 16;
 
-/// What a browser may do with the page: run its scripts, also as WebAssembly, and ask this server alone.
-const POLICY: &str = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src data:; \
-    connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'";
+/// What a browser may do with the page: run its scripts, also as WebAssembly and in a worker, and ask this server alone.
+const POLICY: &str = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; \
+    img-src data:; connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'";
 
 /// Whether a command holds the machine.
 fn is_hold(command: &Command) -> bool {
