@@ -163,9 +163,7 @@ fn whenever_the_cable_is_pulled_out_a_continued_job_removes_the_same_material() 
         ..MachineAnswers::default()
     };
     let job = lines(JOB);
-    let times = Forecast::of(&answers, &job, UNLIMITED_BAUD, |_| Ok(()))
-        .unwrap()
-        .times;
+    let Forecast { times, .. } = Forecast::of(&answers, &job, UNLIMITED_BAUD, |_| Ok(())).unwrap();
     let beginning = Beginning {
         interpreter: simulator.session().interpreter().clone(),
         is_placed: true,
