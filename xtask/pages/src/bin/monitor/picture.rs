@@ -344,13 +344,13 @@ mod tests {
     }
 
     #[test]
-    fn ten_minutes_of_350_lines_a_second_keep_their_look_in_bounded_memory() {
+    fn an_hour_keeps_its_look_in_bounded_memory() {
         let mut picture = Picture::default();
         let (mut points, mut speeds, mut generations) = (0, 0, 0);
         let (mut low, mut high) = ([f64::MAX; AXES], [f64::MIN; AXES]);
         // What a page keeps that is there from the beginning.
         let (mut shown, mut kept, mut most_kept) = (Shown::default(), [0; 2], [0; 2]);
-        for line in 0..600 * 350_u32 {
+        for line in 0..3600 * 60_u32 {
             // A flower of steps, so that no place is visited twice in the same way.
             let angle = f64::from(line) * 0.001;
             let radius = 1000.0 * (angle * 1.01).cos();

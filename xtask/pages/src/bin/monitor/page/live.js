@@ -20,7 +20,10 @@ function sheet(canvas) {
   return { context, fine, width: canvas.width, height: canvas.height };
 }
 
-/** The machine that is watched. Where nothing is known of its job, the picture shows what it has done since. */
+/**
+ * The machine that is watched. Where nothing is known of its job, or nothing can draw it, the picture shows what it has
+ * done since.
+ */
 class Watched extends Machine {
   constructor(view) {
     super(view);
@@ -35,11 +38,11 @@ class Watched extends Machine {
   }
 
   render(scene) {
-    if (!scene.path.count) this.chords(scene);
+    if (!(scene.path.count && scene.gl) && !scene.path.rotary.length) this.chords(scene);
     super.render(scene);
   }
 
-  /** The path from one position to the next. */
+  /** The path from one position that was sent to the next. */
   chords(scene) {
     const { context, fine, width, height } = sheet(this.canvas);
     const { camera: { target, zoom, yaw, pitch } } = scene;
