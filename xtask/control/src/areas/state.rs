@@ -1,6 +1,10 @@
 //! The machine as it is: position, state, alarm, pins, feed and speed, overrides, modes.
 
-use grbl_client::{client::State, realtime};
+use grbl_client::{
+    client::State,
+    realtime,
+    words::{self, accessory_words, mode_words, pin_words, with_set},
+};
 use leadscrew::axis::LETTERS;
 use yew::prelude::*;
 
@@ -11,23 +15,7 @@ pub(crate) fn state_words(model: &Model) -> &'static str {
     if !model.is_there() {
         return "No machine";
     }
-    match model.machine.state.as_str() {
-        "Idle" => "Idle",
-        "Run" => "Running",
-        "Hold:0" => "Hold: at rest",
-        "Hold:1" | "Hold" => "Hold: slowing down",
-        "Jog" => "Jogging",
-        "Alarm" => "Alarm: locked",
-        "Door:0" => "Door closed: resume to go on",
-        "Door:1" => "Door open: at rest",
-        "Door:2" => "Door open: slowing down",
-        "Door:3" | "Door" => "Door closed: going on",
-        "Check" => "Check: nothing moves",
-        "Home" => "Homing",
-        "Sleep" => "Asleep: reset to wake up",
-        "Tool" => "Change of the tool",
-        _ => "Unknown state",
-    }
+    words::state_words(&model.machine.state)
 }
 
 /// The colour of a state: a class of the style.
@@ -55,80 +43,6 @@ pub(crate) fn coordinate(value: f64) -> String {
     } else {
         text
     }
-}
-
-/// The inputs that are active, in words.
-fn pin_words(pins: &str) -> String {
-    let words = pins.chars().map(|pin| match pin {
-        'P' => "probe".to_owned(),
-        'D' => "door".into(),
-        'H' => "hold button".into(),
-        'R' => "reset button".into(),
-        'S' => "start button".into(),
-        axis => format!("limit {axis}"),
-    });
-    list(words)
-}
-
-/// What is on, in words.
-fn accessory_words(accessories: &str) -> String {
-    let words = accessories.chars().filter_map(|one| match one {
-        'S' => Some("spindle clockwise".to_owned()),
-        'C' => Some("spindle counterclockwise".into()),
-        'F' => Some("flood".into()),
-        'M' => Some("mist".into()),
-        _ => None,
-    });
-    list(words)
-}
-
-fn list(words: impl Iterator<Item = String>) -> String {
-    let words: Vec<_> = words.collect();
-    if words.is_empty() {
-        "none".into()
-    } else {
-        words.join(", ")
-    }
-}
-
-/// The mode of a group, by its words as they come in `$G`.
-fn mode(state: &State, is_of_group: impl Fn(&str) -> bool) -> String {
-    let word = state.modes.iter().find(|word| is_of_group(word));
-    word.cloned().unwrap_or_default()
-}
-
-/// A value as it is, and as it was set by a word of `$G`.
-fn with_set(now: f64, unit: &str, state: &State, letter: char) -> String {
-    let set = mode(state, |word| word.starts_with(letter));
-    match set[set.len().min(1)..].parse::<f64>() {
-        Ok(set) => format!("{now:.0} {unit}, set {set:.0}"),
-        Err(_) => format!("{now:.0} {unit}"),
-    }
-}
-
-/// Work system, unit, distances and tool.
-fn mode_words(state: &State) -> [(&'static str, String); 4] {
-    let system = mode(state, |word| {
-        let number = word.strip_prefix('G').and_then(|it| it.parse::<f64>().ok());
-        number.is_some_and(|number| (54.0..60.0).contains(&number))
-    });
-    let unit = match mode(state, |word| matches!(word, "G20" | "G21")).as_str() {
-        "G20" => "inches (G20)".to_owned(),
-        "G21" => "mm (G21)".into(),
-        _ => String::new(),
-    };
-    let distances = match mode(state, |word| matches!(word, "G90" | "G91")).as_str() {
-        "G90" => "absolute (G90)".to_owned(),
-        "G91" => "relative (G91)".into(),
-        _ => String::new(),
-    };
-    let tool = mode(state, |word| word.starts_with('T'));
-    [
-        ("Work system", system),
-        ("Unit", unit),
-        ("Distances", distances),
-        ("Tool", tool),
-    ]
 }
 
 /// An override with its value, and the texts and bytes of its buttons.
@@ -208,13 +122,13 @@ fn values(state: &State, unit: &str) -> Html {
     let mut values = vec![
         (
             "Feed",
-            with_set(state.feed, &format!("{unit}/min"), state, 'F'),
+            with_set(state.feed, &format!("{unit}/min"), &state.modes, 'F'),
         ),
-        ("Spindle", with_set(state.spindle, "rpm", state, 'S')),
+        ("Spindle", with_set(state.spindle, "rpm", &state.modes, 'S')),
         ("Accessories", accessory_words(&state.accessories)),
         ("Inputs", pin_words(&state.pins)),
     ];
-    values.extend(mode_words(state));
+    values.extend(mode_words(&state.modes));
     if let Some((blocks, bytes)) = state.room {
         values.push(("Free", format!("{blocks} moves, {bytes} bytes")));
     }
@@ -338,19 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn inputs_outputs_and_modes_are_words() {
-        assert_eq!(pin_words("PXD"), "probe, limit X, door");
-        assert_eq!(accessory_words("SFM"), "spindle clockwise, flood, mist");
-        assert_eq!(accessory_words(""), "none");
-        let words = ["G0", "G54", "G17", "G21", "G90", "T3", "F100"];
-        let state = State {
-            modes: words.map(str::to_owned).to_vec(),
-            ..State::default()
-        };
-        let words = mode_words(&state).map(|(_, word)| word);
-        assert_eq!(words, ["G54", "mm (G21)", "absolute (G90)", "T3"]);
-        assert_eq!(with_set(95.4, "mm/min", &state, 'F'), "95 mm/min, set 100");
-        assert_eq!(with_set(0.0, "rpm", &state, 'S'), "0 rpm");
+    fn a_coordinate_that_rounds_to_nothing_has_no_sign() {
         assert_eq!(coordinate(-0.000_4), "0.000");
         assert_eq!(coordinate(-1.5), "-1.500");
     }
