@@ -84,3 +84,14 @@ fn the_page_itself_is_small() {
     let size = page::write(&job).len();
     assert!(size < 105_000, "{size} bytes");
 }
+
+#[test]
+fn the_path_of_a_core_xy_machine_is_that_of_its_tool() {
+    let mut settings = mill();
+    assign(&mut settings, b"795=1").expect("a machine may have belts");
+    let points = run(&settings, "G1X10F600\nY5\n").waypoints();
+    let is_of_x = |point: &simulation::Waypoint| point.place[1] == 0.0;
+    assert!(points.iter().take_while(|point| is_of_x(point)).count() > 2);
+    let last = points.last().expect("it moves");
+    assert_eq!(last.place[..3], [10.0, 5.0, 0.0]);
+}

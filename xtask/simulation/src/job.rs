@@ -62,6 +62,8 @@ impl Job {
 #[derive(Debug, Clone, Default, Serialize)]
 pub(crate) struct Axis {
     pub(crate) letter: char,
+    /// Its curves are those of a motor of `CoreXY`, which has the limits.
+    pub(crate) is_motor: bool,
     /// Steps per mm or degree.
     pub(crate) scale: f64,
     pub(crate) is_rotary: bool,

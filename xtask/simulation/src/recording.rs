@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use leadscrew::{
     axis::{AXES, Axes, LETTERS, LINEAR},
     gcode::MotionMode,
-    model::{Command, Spindle},
+    model::{Command, Spindle, core_xy},
     protocol::Session,
     settings::{Setting, Settings},
     sim::{PlayedSegment, SegmentKind, Simulator},
@@ -41,6 +41,8 @@ pub struct Recording {
     before: (f32, u32, u32),
     segments: u64,
     is_begun: bool,
+    /// The steps are those of the motors of `CoreXY`, not of X and Y.
+    is_core_xy: bool,
     alarms: Vec<Refused>,
 }
 
@@ -56,6 +58,7 @@ impl Recording {
             before: (0.0, 0, 0),
             segments: 0,
             is_begun: false,
+            is_core_xy: session.settings().core_xy,
             alarms: Vec::new(),
         }
     }
@@ -136,7 +139,10 @@ impl Recorder for Recording {
         // Dwells have no line of their own.
         let is_still = segment.kind == SegmentKind::Standstill;
         let line = if is_still { line_before } else { segment.line };
-        let vertex = Vertex::begin(segment, speed, power, line);
+        let mut vertex = Vertex::begin(segment, speed, power, line);
+        if self.is_core_xy {
+            vertex.steps = core_xy::steps_of(segment.steps).0;
+        }
         let path = &mut self.path;
         self.merger.push(vertex, &mut |kept| path.push(kept));
         self.before = (segment.end_mm_min, power_of(segment), line);
@@ -355,6 +361,7 @@ fn axis_of(settings: &Settings, axis: usize, levels: Option<[f64; 3]>) -> Axis {
     ];
     Axis {
         letter: char::from(LETTERS[axis]),
+        is_motor: settings.core_xy && axis < 2,
         scale: scales(settings)[axis],
         is_rotary: axis >= LINEAR,
         limits: limits.map(|limit| limit.map(f64::from)),

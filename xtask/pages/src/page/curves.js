@@ -137,7 +137,7 @@ class Curves {
       const top = isBeyond ? Math.min(greatest * 1.1, 3 * limit) : Math.max((limit || 0) * 1.25, greatest * 1.1, 1e-3);
       const note = limit ? `limit ${short(limit)}` : `no limit is set, greatest ${short(greatest)}`;
       const beyond = isBeyond ? `; up to ${short(greatest)}` : '';
-      const name = `${title} of ${axis.letter}, ${axis.is_rotary ? '°' : 'mm'}/${per}; ${note}${beyond}`;
+      const name = `${title} of ${axis.is_motor ? 'motor ' : ''}${axis.letter}, ${axis.is_rotary ? '°' : 'mm'}/${per}; ${note}${beyond}`;
       const number = 'XYZABC'.indexOf(axis.letter);
       return { title: name, bands, colour: colours.axes[number % 3], range: [-top, top], limit };
     });

@@ -83,7 +83,7 @@ function showTables(view) {
     cells: ['XYZ'[axis], fixed(path.cutLow[axis]), fixed(path.cutHigh[axis]), fixed(path.cutHigh[axis] - path.cutLow[axis])],
   })) : [];
   const fastest = view.curves.derived.map(({ axis, derivatives }) => ({
-    cells: [axis.letter, ...derivatives.map(({ least, greatest }, index) => {
+    cells: [`${axis.is_motor ? 'motor ' : ''}${axis.letter}`, ...derivatives.map(({ least, greatest }, index) => {
       const value = greatest.reduce((most, high, place) => Math.max(most, high, -least[place]), 0) * (index ? 1 : 60);
       const limit = axis.limits[index];
       return `${short(value)}${limit ? ` of ${short(limit)}` : ''}`;
