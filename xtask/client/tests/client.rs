@@ -495,7 +495,7 @@ fn no_answer_of_before_is_given_to_a_line_that_was_not_carried_out() {
 }
 
 #[test]
-fn answers_behind_an_alarm_are_of_no_line_that_comes_after() {
+fn answers_after_an_alarm_are_of_no_line_that_comes_later() {
     let mut operated = OperatedMachine::new(&["$110=3000", "$120=500"]);
     operated.command(Command::Program {
         name: "part.nc".into(),
