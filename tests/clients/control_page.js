@@ -55,12 +55,20 @@ async function stepped(page) {
   await isAt(page, '0.000,0.000,0.000');
 }
 
-/** Holds a key or a button until the machine moves; `end` ends it. */
+/**
+ * Holds a key or a button until the machine moves; `end` ends it. A page that is slow asks too late, and the motion ends:
+ * then it is held again.
+ */
 async function held(page, begin, end, what) {
-  await begin();
-  await isState(page, 'Jogging');
-  const before = await at(page);
-  await until(async () => await at(page) !== before, 'it moves', () => seen(page));
+  await until(async () => {
+    await page.keyboard.up('ArrowLeft');
+    await page.mouse.up();
+    await isState(page, 'Idle');
+    const before = await at(page);
+    await begin();
+    await delay(300);
+    return await state(page) === 'Jogging' && await at(page) !== before;
+  }, 'it moves', () => seen(page));
   await end();
   await isState(page, 'Idle');
   const [where, count] = [await at(page), await jogs(page)];
@@ -199,7 +207,7 @@ async function probed(page) {
   await click(page, '#probe-checked');
   await click(page, '#probe');
   await isState(page, 'Running');
-  const note = async () => (await page.$('#note') ? text(page, '#note') : '');
+  const note = () => text(page, '#note');
   await until(async () => (await note()).startsWith('zero at machine Z-'), 'the plate is found', async () => `${await note()} ${await seen(page)}`);
   await isState(page, 'Idle');
   await until(async () => Math.abs(parseFloat((await at(page)).split(',')[2]) - 2) < 0.1, 'zero is at the contact', () => seen(page));

@@ -9,7 +9,7 @@ const fs = require('fs');
 
 const { HOME, check, until } = require('../cncjs');
 const {
-  at, delay, enter, fill, isAt, isState, openFile, seen, state, text,
+  at, delay, enter, fill, isAt, isState, openFile, seen, text,
 } = require('./operator');
 
 const PROGRAM = `G21 G90 G17 G54
@@ -73,7 +73,7 @@ async function probed(page, hands, target, values, result) {
   for (const [name, value] of Object.entries(values)) await fill(page, `#probe-${name}`, String(value));
   if (await page.$('#probe-checked:not(:checked)')) await hands.click(page, '#probe-checked');
   await hands.click(page, '#probe');
-  const note = async () => (await page.$('#note') ? text(page, '#note') : '');
+  const note = () => text(page, '#note');
   await until(async () => (await note()) === result, result, async () => `${await note()} ${await seen(page)}`);
   await isIdle(page);
 }
@@ -105,8 +105,7 @@ const job = async (page) => `${await text(page, '#job')} ${await seen(page)}`;
 /** The machine waits for a tool. */
 async function isChanging(page, tool) {
   const wanted = `Tool change: T${tool}`;
-  const told = async () => text(page, await page.$('#waits') ? '#waits' : 'main');
-  await until(async () => (await state(page)).startsWith('Hold') && (await told()).includes(wanted), wanted, () => job(page));
+  await until(async () => (await text(page, '#waits')).startsWith(wanted), wanted, () => job(page));
 }
 
 async function overriddenAndHeld(page, hands) {
@@ -135,7 +134,6 @@ async function run(page, hands) {
 /** In the change of the tool, the machine is jogged. */
 async function jogged(page, hands) {
   await isChanging(page, 2);
-  if (!await page.$('#take-lines')) return;
   await hands.click(page, '#take-lines');
   await isState(page, 'Change of the tool');
   await hands.step(page, 'Z', 1);
@@ -159,7 +157,7 @@ async function stopped(page, hands) {
 async function resumed(page, hands) {
   await fill(page, '#entry-line', String(RESUMED_AT));
   await hands.click(page, '#find-entry');
-  const entry = async () => (await page.$('#entry') ? text(page, '#entry') : '');
+  const entry = () => text(page, '#entry');
   await until(async () => (await entry()).includes('T2 has to be in the spindle'), 'the start is found', entry);
   await hands.click(page, '#confirm-entry');
   await hands.click(page, '#run-entry');

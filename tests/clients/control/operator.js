@@ -7,7 +7,8 @@ const { newPage } = require('../browser');
 
 const delay = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-const text = (page, selector) => page.$eval(selector, (element) => element.textContent);
+/** What stands somewhere; nothing where that is not there. */
+const text = (page, selector) => page.evaluate((wanted) => document.querySelector(wanted)?.textContent ?? '', selector);
 const state = (page) => text(page, '#state');
 const at = (page, kind = 'work') => page.$$eval(`.readout .${kind}`, (cells) => cells.map((cell) => cell.textContent).join());
 const seen = async (page) => `${await state(page)} ${await at(page)}`;
