@@ -7,7 +7,7 @@ use std::mem;
 use leadscrew::{axis::LETTERS, model::Alarm};
 
 use crate::{
-    Line, ManualLines, Response, Sender, Status,
+    Line, ManualLines, Report, Response, Sender, Status,
     meaning::{self, LineOfAlarm},
     realtime,
     sender::{Answered, Received, sendable, shown},
@@ -110,6 +110,8 @@ pub struct Transmission {
     pub has_keyboard: bool,
     /// A refused line does not end the job.
     ignores_refusals: bool,
+    /// Lines that were refused.
+    pub refused: u64,
     /// The first line of the program that the machine may not have carried out, from 0.
     pub undone: usize,
     /// Where the machine came to rest in a hold before it was reset: its position is that of the job.
@@ -150,6 +152,7 @@ impl Transmission {
             has_operator: true,
             has_keyboard: true,
             ignores_refusals,
+            refused: 0,
             undone: first,
             stopped_at: None,
             travel_mm: Vec::new(),
@@ -165,6 +168,13 @@ impl Transmission {
     pub fn answered(&self) -> usize {
         let answered = (self.sender.answered() as usize).min(self.lines.len());
         self.first + answered.saturating_sub(self.approach)
+    }
+
+    /// Number, from 1, and text of the oldest line that is not answered: the approach counts.
+    #[must_use]
+    pub fn oldest(&self) -> Option<(u64, &[u8])> {
+        let is_of_job = |(number, _): &(u64, _)| *number <= self.lines.len() as u64;
+        self.sender.oldest().filter(is_of_job)
     }
 
     /// Takes the bytes that are to be sent now.
@@ -212,18 +222,21 @@ impl Transmission {
     /// Takes a line of the machine.
     pub fn receive(&mut self, line: &str) {
         match Line::read(line) {
-            Line::Report(report) => {
-                self.status.take(report);
-                let note = self.manual_lines.report(&self.status.report.state);
-                let is_of_keys = self.manual_lines.takes_lines();
-                let note = note.filter(|_| self.has_keyboard || !is_of_keys);
-                self.notes.extend(note.map(str::to_owned));
-                self.update_phase();
-            }
+            Line::Report(report) => self.take_report(report),
             Line::Alarm(number) => self.alarm(number),
             Line::Welcome => self.welcome(),
             _ => self.receive_other(line),
         }
+    }
+
+    /// Takes a report of the machine.
+    pub fn take_report(&mut self, report: Report) {
+        self.status.take(report);
+        let note = self.manual_lines.report(&self.status.report.state);
+        let is_of_keys = self.manual_lines.takes_lines();
+        let note = note.filter(|_| self.has_keyboard || !is_of_keys);
+        self.notes.extend(note.map(str::to_owned));
+        self.update_phase();
     }
 
     /// Takes an answer or a message.
@@ -263,8 +276,9 @@ impl Transmission {
         let index = answered.number as usize - 1;
         let text = shown(&answered.line);
         let place = self.place(index);
+        self.refused += 1;
         let refusal = format!(
-            "{place} is refused: {text}: error:{number}{}",
+            "{place} ({text}): error:{number}{}",
             meaning::after_comma(meaning::error_with_remedy(number).as_deref())
         );
         if self.ignores_refusals && index >= self.approach {

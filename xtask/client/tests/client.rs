@@ -329,11 +329,7 @@ fn a_job_that_starts_at_a_line_sends_the_approach_and_then_the_lines_from_there(
     });
     operated.run(3000);
     // What would be a realtime command in the approach ends it.
-    assert!(
-        job(&operated)
-            .outcome
-            .starts_with("the approach is refused")
-    );
+    assert!(job(&operated).outcome.starts_with("the approach (G1X0.5"));
     assert_eq!(job(&operated).answered, 2);
     operated.ask("$X");
     operated.events.clear();

@@ -62,10 +62,7 @@ fn a_refused_line_ends_the_job_with_a_reset_at_rest() {
     let Phase::Failed(reason) = &job.phase else {
         panic!("{:?}", job.phase);
     };
-    assert!(
-        reason.starts_with("line 2 is refused: G999: error:20, "),
-        "{reason}"
-    );
+    assert!(reason.starts_with("line 2 (G999): error:20, "), "{reason}");
 }
 
 #[test]
@@ -77,7 +74,8 @@ fn a_refused_line_is_only_reported_where_that_is_asked_for_but_never_one_of_the_
     assert_eq!(sent(&mut job), "G999\nG0 X2\n");
     receive(&mut job, &["error:20"]);
     assert_eq!((&job.phase, job.answered()), (&Phase::Running, 2));
-    assert!(job.take_notes()[0].starts_with("line 2 is refused"));
+    assert_eq!((job.refused, job.oldest()), (1, Some((3, &b"G0 X2"[..]))));
+    assert!(job.take_notes()[0].starts_with("line 2 (G999): error:20"));
     let mut job = Transmission::new(&["G53 G0 Z0".into()], &lines, 1, true);
     sent(&mut job);
     receive(&mut job, &["error:9"]);

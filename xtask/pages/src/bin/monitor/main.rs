@@ -6,7 +6,6 @@ mod page;
 mod path_follower;
 mod picture;
 mod rehearsal;
-mod sending;
 mod site;
 mod source;
 mod svg;
@@ -20,7 +19,7 @@ use std::{fs, path::Path, process::ExitCode, sync::Arc};
 use anyhow::{Context, Result, ensure};
 use common::options::{self, Monitor as Options, Verb};
 use common::ui;
-use grbl_client::{JobGuard, Machine, guard, link};
+use grbl_client::{JobGuard, Machine, Transmission, guard, link};
 use simulation::{
     Job, interrupt::interruptions, output::Output, playing::RaisedAlarm, program::Program, pty::Pty,
 };
@@ -28,7 +27,6 @@ use simulation::{
 use path_follower::PathFollower;
 use picture::Shared;
 use rehearsal::Rehearsal;
-use sending::Sending;
 use source::Source;
 use track::Track;
 use watch::Watch;
@@ -67,7 +65,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     shared.lock().title = title;
     let url = page::serve(&options.listen, &shared, job)?;
     ui::status("Showing", &format!("{url} (Ctrl-C ends)"));
-    let mut job = program.map(Sending::new);
+    let mut job = program.map(transmission).transpose()?;
     // Ctrl-C while the job was tried: nothing has been sent.
     ensure!(!link::is_stopped(&stop)?, link::Stopped);
     let guard = job
@@ -92,6 +90,17 @@ fn run(options: &Options) -> Result<ExitCode> {
     watched?;
     let refused = job.map_or(0, |job| job.refused);
     Ok(ExitCode::from(u8::from(refused > 0)))
+}
+
+/// The transmission of a program, which refused lines do not end.
+fn transmission(mut program: Program) -> Result<Transmission> {
+    let mut lines = Vec::new();
+    while let Some(line) = program.next_line()? {
+        lines.push(line);
+    }
+    let mut job = Transmission::new(&[], &lines, 0, true);
+    job.has_keyboard = false;
+    Ok(job)
 }
 
 /// A job that is known in advance, and the alarm in which it ends.

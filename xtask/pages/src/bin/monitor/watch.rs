@@ -9,12 +9,14 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
+use common::ui;
 use grbl_client::{
-    Line, Link, Response,
+    Line, Link, Response, Transmission,
     link::{self, PollFlags},
     meaning::{self, LineOfAlarm},
     realtime,
+    transmission::Phase,
 };
 use rustix::io::Errno;
 use simulation::{playing::RaisedAlarm, pty::Pty};
@@ -22,7 +24,6 @@ use simulation::{playing::RaisedAlarm, pty::Pty};
 use crate::{
     path_follower::PathFollower,
     picture::{Followed, Shared},
-    sending::Sending,
     tap::Tap,
     track::{AXES, Report, Sighting, Track},
 };
@@ -103,7 +104,7 @@ impl Watch {
     pub(crate) fn run(
         &mut self,
         sender: Option<&Pty>,
-        mut job: Option<&mut Sending>,
+        mut job: Option<&mut Transmission>,
         stop: &UnixStream,
     ) -> Result<()> {
         self.start = Instant::now();
@@ -112,9 +113,9 @@ impl Watch {
                 self.to_machine.push(realtime::REPORT);
             }
             if let Some(job) = &mut job {
-                let waiting = self.to_machine.len();
-                job.feed(&mut self.to_machine)?;
-                self.track.modes.are_old |= self.to_machine.len() > waiting;
+                let output = job.take_output();
+                self.track.modes.are_old |= !output.is_empty();
+                self.to_machine.extend(output);
             }
             if self.exchange(sender, stop)? {
                 ensure!(
@@ -126,14 +127,16 @@ impl Watch {
             for sighting in std::mem::take(&mut self.seen) {
                 self.update(&sighting, job.as_deref_mut())?;
             }
-            if job.as_ref().is_some_and(|job| job.is_done()) {
-                return Ok(());
+            match job.as_ref().map(|job| &job.phase) {
+                Some(Phase::Done) => return Ok(()),
+                Some(Phase::Failed(reason)) => bail!("{reason}"),
+                _ => {}
             }
         }
     }
 
     /// Adds to the picture what has been seen.
-    fn update(&mut self, sighting: &Sighting, job: Option<&mut Sending>) -> Result<()> {
+    fn update(&mut self, sighting: &Sighting, job: Option<&mut Transmission>) -> Result<()> {
         match sighting {
             Sighting::Steps(xy, z) => self.take_steps(*xy, *z),
             Sighting::Report(report) => self.take_report(report, job),
@@ -146,7 +149,10 @@ impl Watch {
                     ));
                 }
                 if let Some(job) = job {
-                    let (lines, refusal) = job.answer(text);
+                    job.receive(text);
+                    let refusal = job.take_notes().pop();
+                    refusal.iter().for_each(|text| ui::warning(text));
+                    let lines = job.answered() as u64;
                     self.shared
                         .change(|picture| picture.count_lines(lines, refusal));
                 }
@@ -192,7 +198,7 @@ impl Watch {
     }
 
     /// Shows what a report has.
-    fn take_report(&mut self, report: &Report, job: Option<&mut Sending>) {
+    fn take_report(&mut self, report: &Report, job: Option<&mut Transmission>) {
         let time = self.start.elapsed();
         let is_path = self.stream_scale.is_none();
         self.report = Some(report.clone());
@@ -213,7 +219,12 @@ impl Watch {
             }
         });
         if let Some(job) = job {
-            job.report(&report.state);
+            let state = report.state.clone();
+            // A program may begin with the line that unlocks the machine, and alarms are shown as they come.
+            if state != "Alarm" {
+                let fields = Vec::new();
+                job.take_report(grbl_client::Report { state, fields });
+            }
             // The operator of the virtual machine presses cycle start.
             if self.is_simulated && report.state == "Hold:0" {
                 self.to_machine.push(realtime::RESUME);
@@ -227,7 +238,7 @@ impl Watch {
     }
 
     /// Shows an alarm, which ends a job.
-    fn show_alarm(&self, name: &str, job: Option<&Sending>) -> Result<()> {
+    fn show_alarm(&self, name: &str, job: Option<&Transmission>) -> Result<()> {
         let alarm = self.alarm(name, job).to_string();
         self.shared.change(|picture| picture.alarm(&alarm));
         self.say(alarm.clone());
@@ -236,10 +247,10 @@ impl Watch {
     }
 
     /// An alarm with its line, as far as that is known, and what it means.
-    fn alarm(&self, name: &str, job: Option<&Sending>) -> RaisedAlarm {
+    fn alarm(&self, name: &str, job: Option<&Transmission>) -> RaisedAlarm {
         let number = name.trim_start_matches("ALARM:");
         let place = match meaning::line_of_alarm(number) {
-            Some(LineOfAlarm::Unanswered) => job.and_then(Sending::oldest).unwrap_or_default(),
+            Some(LineOfAlarm::Unanswered) => job.and_then(Transmission::oldest).unwrap_or_default(),
             Some(LineOfAlarm::InExecution) => {
                 let job = self.shared.lock().now().job;
                 (job.map_or(0, |job| job.line), &b""[..])
