@@ -151,7 +151,9 @@ impl Watch {
                 if let Some(job) = job {
                     job.receive(text);
                     let refusal = job.take_notes().pop();
-                    refusal.iter().for_each(|text| ui::warning(text));
+                    if let Some(text) = &refusal {
+                        ui::warning(text);
+                    }
                     let lines = job.answered() as u64;
                     self.shared
                         .change(|picture| picture.count_lines(lines, refusal));
