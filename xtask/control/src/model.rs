@@ -231,8 +231,7 @@ impl Model {
             Action::TrustProbe(is_checked) => self.is_probe_checked = is_checked,
             Action::Open(program) => {
                 self.program = Some(program);
-                self.plan.entry = None;
-                self.plan.stopped_in = None;
+                self.plan.forget_program();
             }
             Action::Ask(purpose) => self.ask(purpose),
             Action::Inquire(inquiry) => self.begin_inquiry(*inquiry),
@@ -255,6 +254,7 @@ impl Model {
                 self.connection = Connection::Closed(reason);
                 self.machine.is_there = false;
                 self.machine.homed = None;
+                self.plan.is_beginning = false;
                 if self.plan.asked.is_some() {
                     self.fail_check("the machine is gone".into());
                 }
@@ -280,6 +280,8 @@ impl Model {
                 response,
             } => self.take_answer(number, lines, &response),
             Event::Note { text } => {
+                // A start that is refused says so.
+                self.plan.is_beginning = false;
                 self.push(time_ms, LineSource::Note, text.clone());
                 self.note = text;
             }

@@ -79,7 +79,7 @@ pub fn StartAtLine(properties: &StartAtLineProperties) -> Html {
                 oninput={type_line} /></label>
             <button id="find-entry" type="button" disabled={!may_find} onclick={find}>{ "Find the start" }</button>
             {
-                match &model.plan.entry {
+                match model.entry() {
                     Some(Ok(found)) => html! { <Start found={found.clone()} /> },
                     Some(Err(reason)) => html! { <p role="alert">{ reason }</p> },
                     None => html! {},
@@ -102,7 +102,7 @@ fn Start(properties: &StartProperties) -> Html {
     let model = &*context.model;
     let is_confirmed = use_state(|| false);
     let found = &properties.found;
-    let may_start = *is_confirmed && model.may_ask();
+    let may_start = *is_confirmed && model.may_ask() && model.plan.asked.is_none();
     let confirm = {
         let is_confirmed = is_confirmed.clone();
         Callback::from(move |event: Event| {

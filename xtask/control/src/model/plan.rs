@@ -146,6 +146,7 @@ pub struct FoundEntry {
     pub wanted: usize,
     /// The place.
     pub entry: Entry,
+    basis: Basis,
 }
 
 /// The program before it runs, and the job.
@@ -154,6 +155,8 @@ pub struct Plan {
     /// For what the machine is being asked.
     pub(crate) asked: Option<Purpose>,
     inquiry: Option<Inquiry>,
+    /// The job is to begin, and has not yet.
+    pub(super) is_beginning: bool,
     /// The operator runs the program all the same.
     pub is_permitted: bool,
     started: Option<Started>,
@@ -166,11 +169,17 @@ pub struct Plan {
     /// The line in which it was stopped, counted from 1.
     pub stopped_in: Option<usize>,
     /// Where the program may begin in its middle, or why nowhere.
-    pub entry: Option<Result<Rc<FoundEntry>, String>>,
+    entry: Option<Result<Rc<FoundEntry>, String>>,
     clock: Option<JobClock>,
 }
 
 impl Plan {
+    /// The program is another one.
+    pub(super) fn forget_program(&mut self) {
+        self.entry = None;
+        self.stopped_in = None;
+    }
+
     /// What stays when another line to a machine is opened.
     pub(super) fn kept(self) -> Self {
         Self {
@@ -206,12 +215,21 @@ impl Model {
 
     /// Whether the machine is where it says, and can be asked.
     pub fn may_ask(&self) -> bool {
-        self.takes_lines() && self.state_name() == "Idle" && !self.is_job_running()
+        let is_free = !self.is_job_running() && !self.plan.is_beginning;
+        self.takes_lines() && self.state_name() == "Idle" && is_free
     }
 
     /// Whether the machine or the checker is at work for the page.
     pub fn is_checking(&self) -> bool {
         self.plan.asked.is_some() || self.plan.inquiry.is_some()
+    }
+
+    /// Where the program may begin at the machine as it is now, or why nowhere.
+    pub fn entry(&self) -> Option<Result<&Rc<FoundEntry>, &str>> {
+        match self.plan.entry.as_ref()? {
+            Ok(found) => found.basis.is_same(&Basis::of(self)).then_some(Ok(found)),
+            Err(reason) => Some(Err(reason)),
+        }
     }
 
     /// How far the job is, by the times of its check.
@@ -238,8 +256,9 @@ impl Model {
         if purpose == Purpose::Check {
             self.check = Check::Running { part: 0.0 };
             self.plan.is_permitted = false;
+        } else {
+            self.plan.entry = None;
         }
-        self.plan.entry = None;
         self.plan.inquiry = None;
         self.plan.asked = Some(purpose);
     }
@@ -380,6 +399,7 @@ impl Model {
                 if let Some(Inquiry {
                     purpose: Purpose::Enter(wanted),
                     program,
+                    basis,
                     ..
                 }) = self.plan.inquiry.take()
                 {
@@ -387,6 +407,7 @@ impl Model {
                         program,
                         wanted,
                         entry,
+                        basis,
                     };
                     self.plan.entry = Some(Ok(Rc::new(found)));
                 }
@@ -417,6 +438,7 @@ impl Model {
         plan.started = before
             .filter(is_continued)
             .or(Some(Started { program, began }));
+        plan.is_beginning = true;
         plan.clock = None;
         plan.stopped_at = None;
         plan.measured = None;
@@ -428,6 +450,9 @@ impl Model {
     /// Another state of the machine has come; `was_running` is whether a job ran before.
     pub(super) fn watch_job(&mut self, was_running: bool) {
         let Some(job) = &self.machine.job else { return };
+        if job.is_running {
+            self.plan.is_beginning = false;
+        }
         if job.is_running && job.takes_lines {
             self.plan.measured = Some(job.answered);
         }
@@ -648,12 +673,22 @@ mod tests {
         answer(&mut model);
         assert_eq!(model.plan.stopped_in, Some(2));
         find(&mut model, Purpose::Enter(2));
-        let Some(Ok(found)) = model.plan.entry.clone() else {
+        let Some(Ok(found)) = model.entry() else {
             panic!("{:?}", model.plan.entry);
         };
         assert_eq!((found.wanted, found.entry.line), (2, 1));
+        // With another zero it is another place.
+        model.machine.work[0] += 1.0;
+        assert_eq!(model.entry(), None);
+        model.machine.work[0] -= 1.0;
+        assert!(model.entry().is_some() && model.may_ask());
         model.act(Action::Begin(1));
-        assert_eq!((model.plan.stopped_in, &model.plan.entry), (None, &None));
+        assert_eq!((model.plan.stopped_in, model.entry()), (None, None));
+        // Until the job has begun, nothing else is sent.
+        assert!(!model.may_ask());
+        model.act(state("Run", 4.0, job(1, true, "")));
+        model.act(state("Idle", 4.0, job(6, false, "done")));
+        assert!(model.may_ask());
     }
 
     #[test]
