@@ -83,32 +83,55 @@ impl Controller {
                 if self.wire.is_some() {
                     self.client.command(command, now_ms);
                 }
-                Vec::new()
+                self.exchange(now_ms)
             }
         }
     }
 
-    /// Goes on.
+    /// Goes on, and shows what has happened since.
     pub fn tick(&mut self, now_ms: u64) -> Vec<Reply> {
+        if self.wire.is_none() {
+            return Vec::new();
+        }
+        let lost = self.exchange(now_ms);
+        if lost.is_empty() {
+            self.take_events()
+        } else {
+            lost
+        }
+    }
+
+    /// Moves bytes both ways, as soon as there are any: what has come makes room for lines, and a short line is answered
+    /// long before the next tick. Returns what is to be shown of a line that is lost.
+    pub fn exchange(&mut self, now_ms: u64) -> Vec<Reply> {
         let Some(wire) = &mut self.wire else {
             return Vec::new();
         };
-        self.client.tick(now_ms);
-        let received = wire.exchange(&self.client.take_output(), now_ms);
-        let mut replies = Vec::new();
+        let client = &mut self.client;
+        let received = wire.exchange(&[], now_ms).and_then(|bytes| {
+            client.receive(&bytes, now_ms);
+            client.tick(now_ms);
+            wire.exchange(&client.take_output(), now_ms)
+        });
         match received {
-            Ok(bytes) => self.client.receive(&bytes, now_ms),
+            Ok(bytes) => {
+                client.receive(&bytes, now_ms);
+                Vec::new()
+            }
             Err(reason) => {
+                client.lose_line();
                 self.wire = None;
-                self.client.lose_line();
+                let mut replies = self.take_events();
                 replies.push(Reply::Disconnected(reason));
+                replies
             }
         }
+    }
+
+    fn take_events(&mut self) -> Vec<Reply> {
         let events = self.client.take_events();
-        if !events.is_empty() {
-            replies.insert(0, Reply::Events(events));
-        }
-        replies
+        let replies = (!events.is_empty()).then_some(Reply::Events(events));
+        replies.into_iter().collect()
     }
 
     /// Ends a jog, and closes the line.
@@ -143,6 +166,15 @@ pub(crate) fn start() {
     on_message.forget();
     let tick = move || post(&scope, CONTROLLER.with_borrow_mut(|it| it.tick(now_ms())));
     Interval::new(TICK_MS, tick).forget();
+}
+
+/// Goes on at once: bytes of the machine have come.
+pub(crate) fn receive() {
+    let scope: DedicatedWorkerGlobalScope = js_sys::global().unchecked_into();
+    post(
+        &scope,
+        CONTROLLER.with_borrow_mut(|it| it.exchange(now_ms())),
+    );
 }
 
 fn now_ms() -> u64 {

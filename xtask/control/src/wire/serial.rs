@@ -11,6 +11,7 @@ use wasm_bindgen_futures::{JsFuture, spawn_local};
 use web_sys::{ReadableStreamDefaultReader, WritableStreamDefaultWriter};
 
 use super::{Wire, socket::Inbox};
+use crate::worker;
 
 /// Bytes that the browser keeps until they are read: a worker that is late loses none.
 const BUFFER_BYTES: u32 = 1 << 16;
@@ -174,6 +175,7 @@ async fn read_stream(
         }
         let bytes: Uint8Array = Reflect::get(&piece, &"value".into())?.unchecked_into();
         opened.borrow_mut().inbox.bytes.extend(bytes.to_vec());
+        worker::receive();
     }
     Ok(())
 }

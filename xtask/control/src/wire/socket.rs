@@ -7,6 +7,7 @@ use wasm_bindgen::JsCast as _;
 use web_sys::{BinaryType, MessageEvent, WebSocket};
 
 use super::Wire;
+use crate::worker;
 
 /// What `FluidNC` says to the page that it serves itself, in messages of their own.
 const TO_ITS_PAGE: [&str; 3] = ["CURRENT_ID:", "ACTIVE_ID:", "PING:"];
@@ -69,6 +70,7 @@ impl Socket {
                     None => js_sys::Uint8Array::new(&data).to_vec(),
                 };
                 received.borrow_mut().bytes.extend(bytes);
+                worker::receive();
             }),
             EventListener::new(&socket, "close", move |_| {
                 closed.borrow_mut().failure = Some(text.clone());
