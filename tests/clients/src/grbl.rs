@@ -343,14 +343,18 @@ const LOCKED_MESSAGE: &str = "[MSG:'$H'|'$X' to unlock]";
 /// The answer to `$X`, before its `ok`.
 const UNLOCKED: &str = "[MSG:Caution: Unlocked]";
 
-/// Every state word of Grbl 1.1.
-const STATES: [&str; 13] = [
+/// Every state word of Grbl 1.1, and the one of a change of the tool, in which a sender that knows it is answered.
+const STATES: [&str; 14] = [
     "Idle", "Run", "Hold:0", "Hold:1", "Jog", "Alarm", "Door:0", "Door:1", "Door:2", "Door:3",
-    "Check", "Home", "Sleep",
+    "Check", "Home", "Sleep", "Tool",
 ];
 
 /// The `$` line that lists such a line; `None` for what nobody lists.
 fn asked_by(text: &str) -> Option<&'static str> {
+    let is_tool = text.starts_with("T") && text.contains(" P");
+    if is_tool {
+        return Some("$TT");
+    }
     let Some(inner) = text.strip_prefix('[') else {
         let is_startup_line = text.starts_with("$N");
         let asked = if is_startup_line { "$N" } else { "$$" };
@@ -358,9 +362,9 @@ fn asked_by(text: &str) -> Option<&'static str> {
     };
     match inner.split(':').next().unwrap_or_default() {
         "GC" => Some("$G"),
-        "VER" | "OPT" => Some("$I"),
+        "VER" | "OPT" | "NEWOPT" => Some("$I"),
         "HLP" => Some("$"),
-        "G28" | "G30" | "G92" | "TLO" => Some("$#"),
+        "G28" | "G30" | "G92" | "TLO" | "T" => Some("$#"),
         "PRB" => Some(PROBED),
         word if WorkCoordinates::ALL
             .iter()
@@ -405,9 +409,10 @@ fn may_be_refused(line: &str, answer: &str) -> bool {
 /// Whether a line asks for what is listed before its answer.
 fn asks(line: &str, asked: &str) -> bool {
     let line = line.trim().to_ascii_uppercase();
-    // A probing move tells where it ended, and `$+` lists all settings.
+    // A probing move tells where it ended, `$+` lists all settings, and `$I+` all that the machine is.
     line == asked
         || asked == "$$" && line == "$+"
+        || asked == "$I" && line == "$I+"
         || asked == PROBED && (line == "$#" || line.contains("G38"))
 }
 
