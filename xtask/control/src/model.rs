@@ -87,6 +87,10 @@ pub struct Model {
     pub check: Check,
     /// What else is known before it runs and while it does.
     pub plan: Plan,
+    /// It was edited on the page.
+    pub is_edited: bool,
+    /// A program that was edited, and in whose place another one was opened.
+    pub replaced: Option<Rc<Program>>,
     /// Whether there is a line to a machine.
     pub connection: Connection,
     /// The machine, as its client knows it.
@@ -127,8 +131,10 @@ pub enum Action {
     ShowReports(bool),
     /// The console is emptied.
     Clear,
-    /// A program is opened, or has changed.
+    /// A program is opened.
     Open(Rc<Program>),
+    /// The program that is open has changed.
+    Edit(Rc<Program>),
     /// The operator says whether the probe was checked.
     TrustProbe(bool),
     /// The machine is asked what the checker has to know.
@@ -213,6 +219,8 @@ impl Model {
                     program: self.program.take(),
                     check: std::mem::take(&mut self.check),
                     plan: std::mem::take(&mut self.plan).kept(),
+                    is_edited: self.is_edited,
+                    replaced: self.replaced.take(),
                     shows_reports: self.shows_reports,
                     entries: self.entries,
                     connection: Connection::Opening,
@@ -228,11 +236,12 @@ impl Model {
             }
             Action::ShowReports(shows) => self.shows_reports = shows,
             Action::Clear => self.log.clear(),
-            Action::TrustProbe(is_checked) => self.is_probe_checked = is_checked,
-            Action::Open(program) => {
-                self.program = Some(program);
-                self.plan.forget_program();
+            Action::Open(program) => self.open(program),
+            Action::Edit(program) => {
+                self.change_program(program);
+                self.is_edited = true;
             }
+            Action::TrustProbe(is_checked) => self.is_probe_checked = is_checked,
             Action::Ask(purpose) => self.ask(purpose),
             Action::Inquire(inquiry) => self.begin_inquiry(*inquiry),
             Action::CheckReply(reply) => self.take_check(reply),
@@ -240,6 +249,25 @@ impl Model {
             Action::Begin(line) => self.begin_job(line),
             Action::GoTo(line) => self.go_to = Some(line),
             Action::Tick(passed_s) => self.tick(passed_s),
+        }
+    }
+
+    /// Takes a program in place of another one, of which no line is the same any more.
+    fn change_program(&mut self, program: Rc<Program>) -> Option<Rc<Program>> {
+        self.plan.entry = None;
+        self.plan.stopped_in = None;
+        self.program.replace(program)
+    }
+
+    /// Opens a program; what was edited before can be opened again.
+    fn open(&mut self, program: Rc<Program>) {
+        let before = self.change_program(program);
+        if std::mem::take(&mut self.is_edited) {
+            self.replaced = before;
+        }
+        if self.replaced == self.program {
+            self.replaced = None;
+            self.is_edited = true;
         }
     }
 
@@ -444,6 +472,37 @@ mod tests {
         control.is_mine = false;
         model.act(Action::Reply(Reply::Control(control), 0));
         assert!(model.is_there() && !model.takes_lines() && !model.may_jog());
+    }
+
+    #[test]
+    fn a_program_that_was_edited_can_be_opened_again() {
+        let program = |name: &str| {
+            Rc::new(Program {
+                name: name.into(),
+                text: String::new(),
+            })
+        };
+        let names = |model: &Model| {
+            let name = |program: &Option<Rc<Program>>| program.as_ref().map(|it| it.name.clone());
+            (
+                name(&model.program).unwrap_or_default(),
+                name(&model.replaced),
+            )
+        };
+        let mut model = Model::default();
+        model.act(Action::Open(program("a.nc")));
+        model.act(Action::Open(program("b.nc")));
+        assert_eq!(names(&model), ("b.nc".into(), None));
+        let edited = program("b.nc");
+        model.act(Action::Edit(edited.clone()));
+        model.act(Action::Open(program("c.nc")));
+        assert_eq!(names(&model), ("c.nc".into(), Some("b.nc".into())));
+        model.act(Action::Opening);
+        model.act(Action::Open(edited));
+        assert_eq!(names(&model), ("b.nc".into(), None));
+        // It is still not saved.
+        model.act(Action::Open(program("c.nc")));
+        assert_eq!(names(&model), ("c.nc".into(), Some("b.nc".into())));
     }
 
     #[test]

@@ -107,8 +107,8 @@ pub fn ProgramArea() -> Html {
         *latest.borrow_mut() = context.clone();
         use_callback((), move |text: String, ()| {
             let context = latest.borrow();
-            let Program { name, text } = edited(&context.model, text);
-            open(&context, name, text);
+            let program = Rc::new(edited(&context.model, text));
+            context.model.dispatch(Action::Edit(program));
         })
     };
     let is_locked = context.model.is_job_running() || context.model.is_watching();
@@ -161,6 +161,13 @@ fn Files() -> Html {
             storage::save_file(&program.name, &program.text);
         }
     });
+    let replaced = context.model.replaced.clone().map(|replaced| {
+        let name = format!("Back to {}", replaced.name);
+        let model = context.model.dispatcher();
+        let back =
+            Callback::from(move |_: MouseEvent| model.dispatch(Action::Open(replaced.clone())));
+        html! { <button id="back" type="button" onclick={back}>{ name }</button> }
+    });
     let options = EXAMPLES.map(|(name, _)| html! { <option>{ name }</option> });
     html! {
         <>
@@ -169,6 +176,7 @@ fn Files() -> Html {
                 { for options }</select></label>
             <button id="new" type="button" onclick={empty}>{ "New" }</button>
             <button id="save" type="button" disabled={has_none} onclick={save}>{ "Save as file" }</button>
+            { for replaced }
         </>
     }
 }
