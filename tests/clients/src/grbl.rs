@@ -351,7 +351,7 @@ const STATES: [&str; 14] = [
 
 /// The `$` line that lists such a line; `None` for what nobody lists.
 fn asked_by(text: &str) -> Option<&'static str> {
-    let is_tool = text.starts_with("T") && text.contains(" P");
+    let is_tool = text.starts_with('T') && text.contains(" P");
     if is_tool {
         return Some("$TT");
     }

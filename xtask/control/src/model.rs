@@ -254,8 +254,7 @@ impl Model {
 
     /// Takes a program in place of another one, of which no line is the same any more.
     fn change_program(&mut self, program: Rc<Program>) -> Option<Rc<Program>> {
-        self.plan.entry = None;
-        self.plan.stopped_in = None;
+        self.plan.forget_program();
         self.program.replace(program)
     }
 
