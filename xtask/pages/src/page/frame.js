@@ -35,7 +35,10 @@ class Frame {
   take() {
     const { view, latest: { machine: place, line, state } } = this;
     const isFirst = !this.machine;
-    if (isFirst) this.machine = new Machine(view);
+    if (isFirst) {
+      this.machine = new Machine(view);
+      this.showOutside();
+    }
     const { machine } = this;
     [machine.at, machine.state] = [view.path.drawn(view.facts.axes.map((axis, index) => place[index] ?? 0)), state];
     const before = view.scene.cut;
@@ -44,6 +47,17 @@ class Frame {
     if (before === 0 && time > 0) machine.follow(true);
     machine.cutTo(time);
     machine.ask();
+  }
+
+  /** Shows what lies outside the travel of a machine that homes: it knows where it stands. */
+  showOutside() {
+    const { scene, path, facts } = this.view;
+    const [low, high] = scene.travel;
+    const isOutside = path.low.some((at, axis) => at < low[axis] - 1e-3) || path.high.some((at, axis) => at > high[axis] + 1e-3);
+    const homes = facts.settings.some(({ text }) => /^\$22=.*[1-9]/.test(text));
+    if (!scene.hasTravel || !isOutside || !homes) return;
+    $('travel').checked = true;
+    $('travel').dispatchEvent(new Event('change'));
   }
 
   /** The time of the job up to which it has been cut, s. */
