@@ -441,12 +441,55 @@ async function look(browser, size, trace, figures) {
   }
 }
 
+/** The page as a part of another one: it marks what its machine has cut, takes nothing else, and gets at nothing. */
+async function framed(browser) {
+  const page = await newPage(browser);
+  await page.setContent('<title>around</title><iframe sandbox="allow-scripts"></iframe>');
+  await page.evaluate((text) => { document.querySelector('iframe').srcdoc = text; }, fs.readFileSync(pageFile, 'utf8'));
+  let frame;
+  await until(async () => {
+    frame = page.frames().find((one) => one !== page.mainFrame());
+    return frame && frame.evaluate(() => document.body.dataset.ready === 'yes').catch(() => false);
+  }, 'the page is in another one');
+  const send = (report) => page.evaluate((text) => (
+    document.querySelector('iframe').contentWindow.postMessage(text, '*')), typeof report === 'string' ? report : JSON.stringify(report));
+  const shown = () => frame.evaluate(() => {
+    const { scene } = window.view;
+    return { cut: scene.cut, now: window.view.now, at: scene.live && scene.live.at };
+  });
+  const { machine, line, middle, end } = await frame.evaluate(() => {
+    const { path } = window.view;
+    const there = path.at(path.end / 2);
+    return { machine: there.place, line: there.line, middle: path.end / 2, end: path.end };
+  });
+  const state = 'Run';
+  for (const wrong of [
+    'text', '[]', 'null', { machine, line, state: 7 }, { machine: [1, 2], line, state }, { machine: ['1', 2, 3], line, state },
+    { machine, line: -1, state }, { machine, line: 1.5, state }, `{"machine":[${'1,'.repeat(1000)}1],"line":1,"state":"Run"}`,
+  ]) await send(wrong);
+  // Messages come in their order.
+  await send({ machine: [1, 2, 3], line: null, state: 'Jog' });
+  await until(async () => (await shown()).at, 'the machine is shown');
+  const before = await shown();
+  check(before.cut === 0 && before.now === end && before.at.join() === '1,2,3', JSON.stringify(before));
+  await send({ machine, line, state });
+  await until(async () => (await shown()).cut > 0, 'what has been cut is marked', async () => JSON.stringify(await shown()));
+  const after = await shown();
+  check(Math.abs(after.cut - middle) < 0.01 && after.now === after.cut, `${JSON.stringify(after)}, not ${middle} s`);
+  const reach = await frame.evaluate(() => {
+    try { return window.parent.document.title; } catch (error) { return error.name; }
+  });
+  check(reach === 'SecurityError', reach);
+  await page.close();
+}
+
 async function main() {
   const trace = readTrace();
   const browser = await browse('drawing');
   try {
     const figures = JSON.parse(fs.readFileSync(figuresFile, 'utf8'));
     for (const size of SIZES) await look(browser, size, trace, figures);
+    await framed(browser);
   } finally {
     await browser.close();
   }
