@@ -228,7 +228,7 @@ fn a_job_with_refused_lines_is_not_begun_unless_that_is_asked_for() {
     );
     let log = Sending::start(&[&job, "--tcp", &address, "--despite-refusals"]).fails();
     assert!(
-        log.contains("line 4 is refused: G999: error:20") && log.contains("Done"),
+        log.contains("line 4 (G999): error:20") && log.contains("Done"),
         "{log}"
     );
     drop(simulator);
