@@ -8,7 +8,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("proof", 30_520),
     ("src", 39_300),
     ("tests", 49_900),
-    ("xtask", 40_500),
+    ("xtask", 40_600),
 ];
 
 /// How far a ceiling may be above the present count, so that ceilings are lowered with the code.

@@ -343,7 +343,7 @@ const LOCKED_MESSAGE: &str = "[MSG:'$H'|'$X' to unlock]";
 /// The answer to `$X`, before its `ok`.
 const UNLOCKED: &str = "[MSG:Caution: Unlocked]";
 
-/// Every state word of Grbl 1.1, and the one of a change of the tool, in which a sender that knows it is answered.
+/// Every state word of Grbl 1.1, and `Tool`, of a change of the tool in which lines are taken.
 const STATES: [&str; 14] = [
     "Idle", "Run", "Hold:0", "Hold:1", "Jog", "Alarm", "Door:0", "Door:1", "Door:2", "Door:3",
     "Check", "Home", "Sleep", "Tool",

@@ -48,6 +48,8 @@ const MOST_JOGS: usize = 8;
 const LONGEST_JOG: &str = "$J=G91G21X-1000.000Y-1000.000Z-1000.000F10000";
 /// Reports after a line or an answer, of which the second one is of a machine that has come to rest.
 const REST_REPORTS: u32 = 2;
+/// Lines that change nothing.
+const QUESTIONS: [&str; 8] = ["$$", "$+", "$#", "$G", "$I", "$TT", "$EG", "$ES"];
 /// `error:15`, a jog beyond the travel.
 const BEYOND_TRAVEL: Response = Response::Error(15);
 
@@ -81,6 +83,11 @@ impl QueuedLine {
 
     fn is_jog(&self) -> bool {
         self.text.trim_start().starts_with("$J=")
+    }
+
+    /// Whether it is of the client's own, or asks for what the machine knows.
+    fn is_harmless(&self) -> bool {
+        self.of == Origin::Own || QUESTIONS.contains(&self.text.as_str())
     }
 }
 
@@ -327,11 +334,21 @@ impl Client {
 
     /// Whether nothing is under way but questions of the client's own.
     fn is_free(&self) -> bool {
-        let mut lines = self.waiting.iter().chain(&self.in_flight);
-        let is_busy = self.jog.is_some() || self.cycle.is_some() || self.restores.is_some();
+        let is_asked = self.restores.is_some() || self.lines().any(|line| line.of != Origin::Own);
+        self.is_free_but_for_questions() && !is_asked
+    }
+
+    /// Whether nothing is under way but questions and what the client sends by itself.
+    fn is_free_but_for_questions(&self) -> bool {
+        let is_busy = self.jog.is_some() || self.cycle.is_some();
         let is_job = self.job.is_some() && !self.takes_lines_amid_job();
-        let is_asked = self.start_asked.is_some() || lines.any(|asked| asked.of != Origin::Own);
+        let is_asked = self.start_asked.is_some() || self.lines().any(|line| !line.is_harmless());
         !is_busy && !is_job && !is_asked
+    }
+
+    /// Lines that are not answered.
+    fn lines(&self) -> impl Iterator<Item = &QueuedLine> {
+        self.waiting.iter().chain(&self.in_flight)
     }
 
     /// Whether nothing was sent that is not answered, and nothing is under way.

@@ -94,7 +94,7 @@ impl Client {
     pub(super) fn start(&mut self, start: Start) {
         let lines = self.program.lines.len();
         let is_idle = self.status.report.state_name() == "Idle" && self.state.is_there;
-        let fault = if !is_idle || !self.is_free() || lines == 0 {
+        let fault = if !is_idle || !self.is_free_but_for_questions() || lines == 0 {
             Some("the job begins at rest alone: the machine has to be idle".into())
         } else if start.line >= lines {
             let line = start.line.saturating_add(1);
