@@ -61,13 +61,7 @@ async function stepped(page) {
  */
 async function held(page, [begin, release], end, what) {
   await until(async () => {
-<<<<<<< HEAD
     await release();
-=======
-    await page.keyboard.up('ArrowLeft');
-    // One that is not pressed cannot be released.
-    await page.mouse.up().catch(() => {});
->>>>>>> 19d28410 (Keep an edited program when another one is opened)
     await isState(page, 'Idle');
     const before = await at(page);
     await begin();
