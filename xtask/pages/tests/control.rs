@@ -130,7 +130,10 @@ fn a_page_that_answers_no_ping_controls_no_more() {
 fn the_browser_is_opened_with_a_token_that_counts_once() {
     let folder = tempfile::tempdir().unwrap();
     // A browser that says what it is to open.
-    let script = r#"mkfifo opened && printf '#!/bin/sh\nprintf %%s "$1" > %s/opened' "$PWD" > browser && chmod +x browser"#;
+    let script = concat!(
+        r#"mkfifo opened; printf '#!/bin/sh\nprintf %%s "$1" > %s/opened' "$PWD" > browser"#,
+        "; chmod +x browser"
+    );
     let made = Command::new("sh")
         .args(["-c", script])
         .current_dir(folder.path())
@@ -241,7 +244,8 @@ fn policy(known: &Known, path: &str) -> String {
 #[test]
 fn only_the_view_runs_scripts_of_a_page_and_it_is_nobodys_page() {
     let (_monitor, known) = simulated(&[]);
-    let page = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src data:; \
+    let page = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; \
+                img-src data:; \
         connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
     for path in ["/", "/page.css", "/glue.js", "/page.js", "/page.wasm"] {
         assert_eq!(policy(&known, path), page, "{path}");
