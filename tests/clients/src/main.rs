@@ -236,12 +236,13 @@ impl Wire {
 const SEED: u64 = 7;
 
 /// The checks that `--short` leaves out: they take long, and find what is seldom broken.
-const LONG: [&str; 5] = [
+const LONG: [&str; 6] = [
     "the served control page at the firmware",
     "the control page by a serial port at the simulator",
     "the control page by a WebSocket at the simulator",
     "axe-core at the control page",
     "a long job of a hidden control page",
+    "the first picture of long jobs",
 ];
 
 /// Checks at the same time: senders wait most of it.
@@ -306,6 +307,7 @@ fn all() -> impl Iterator<Item = Check> {
         Check::new("a key held while the control page goes", web::loss),
         Check::new("axe-core at the control page", web::axe),
         Check::new("a long job of a hidden control page", web::long_job),
+        Check::new("the first picture of long jobs", web::first_picture),
         Check::new("the page that installs a release", flashing::page),
     ])
 }

@@ -10,7 +10,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use common::{cargo, check::Verdict, tools};
+use common::{cargo, check::Verdict, document, tools};
 use pages::web::measure::{native, under_node};
 
 use super::{
@@ -212,6 +212,32 @@ pub(super) fn axe() -> Result<Verdict> {
 /// Has a page send a long job while another one is in front of it.
 pub(super) fn long_job() -> Result<Verdict> {
     of_control_page(LONG_SCRIPT)
+}
+
+/// The lines in docs/view.md between which the figures of pages are, and the variable of a run that writes them.
+const FIGURES: [&str; 2] = [
+    "<!-- begin: LEADSCREW_WRITE=1 cargo xtask test --clients \"the first picture\" -->\n",
+    "<!-- end of the first picture -->",
+];
+const WRITE: &str = "LEADSCREW_WRITE";
+
+/// Has a browser show the paths of long jobs.
+pub(super) fn first_picture() -> Result<Verdict> {
+    let verdict = browser::run_script("first_picture.js", "first-picture", |folder, node| {
+        let examples = cargo::root().join("examples");
+        node.arg(tools::command(tools::VIEW)?.get_program());
+        node.args(["mill.settings", "plate.nc"].map(|file| examples.join(file)));
+        let index = made(folder)?;
+        node.arg(index.with_file_name(pages::control::FILE))
+            .arg(index);
+        Ok(())
+    })?;
+    let figures = install::folder().join("first-picture/figures.md");
+    if verdict == Verdict::Passed && env::var_os(WRITE).is_some() {
+        let [begin, end] = FIGURES;
+        document::write_part("docs/view.md", begin, end, &fs::read_to_string(figures)?)?;
+    }
+    Ok(verdict)
 }
 
 /// Holds a key of the control page while the page goes, or its connection.
