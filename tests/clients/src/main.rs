@@ -236,10 +236,11 @@ impl Wire {
 const SEED: u64 = 7;
 
 /// The checks that `--short` leaves out: they take long, and find what is seldom broken.
-const LONG: [&str; 6] = [
+const LONG: [&str; 7] = [
     "the served control page at the firmware",
     "the control page by a serial port at the simulator",
     "the control page by a WebSocket at the simulator",
+    "a key held while the control page goes",
     "axe-core at the control page",
     "a long job of a hidden control page",
     "the first picture of long jobs",

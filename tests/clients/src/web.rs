@@ -186,17 +186,19 @@ pub(super) fn with_page(connection: PageConnection) -> Result<Command> {
     node.env("CONTROL_CONNECTION", connection.word());
     if connection == PageConnection::Served {
         node.env("MONITOR", tools::command(tools::MONITOR)?.get_program());
-        // The program builds the page, and the script has another home.
-        for (variable, folder) in [("CARGO_HOME", ".cargo"), ("RUSTUP_HOME", ".rustup")] {
-            if let (None, Some(home)) = (env::var_os(variable), env::home_dir()) {
-                node.env(variable, home.join(folder));
-            }
-        }
+        serve_what_is_built(&mut node)?;
     } else {
         let page = made(&install::folder().join(connection.word()))?;
         node.env("CONTROL_PAGE", page.with_file_name(pages::control::FILE));
     }
     Ok(node)
+}
+
+/// Builds the page that the program serves: Cargo would have it wait for other builds.
+fn serve_what_is_built(node: &mut Command) -> Result<()> {
+    tools::control()?;
+    node.env_remove("CARGO");
+    Ok(())
 }
 
 /// Has a browser control the virtual machine.
@@ -250,6 +252,7 @@ fn of_control_page(script: &str) -> Result<Verdict> {
     let folder = script.trim_end_matches(".js").replace('_', "-");
     browser::run_script(script, &folder, |folder, node| {
         node.arg(made(folder)?.with_file_name(pages::control::FILE));
+        serve_what_is_built(node)?;
         for tool in [tools::MONITOR, tools::SIM] {
             node.arg(tools::command(tool)?.get_program());
         }

@@ -5,6 +5,7 @@ pub mod connection;
 pub mod console;
 pub mod editor;
 pub mod entry;
+pub mod field;
 pub mod job;
 pub mod jog;
 pub mod macros;

@@ -5,6 +5,7 @@ use web_sys::HtmlInputElement;
 use yew::prelude::*;
 
 use crate::{
+    areas::field::Field,
     context::use_page_context,
     model::{Action, FoundEntry, Model},
 };
@@ -62,10 +63,7 @@ pub fn StartAtLine(properties: &StartAtLineProperties) -> Html {
         use_effect_with(stopped_in, move |_| typed.set(None));
     }
     let line = typed.or(stopped_in).unwrap_or(1);
-    let type_line = Callback::from(move |event: InputEvent| {
-        let input = event.target_unchecked_into::<HtmlInputElement>();
-        typed.set(input.value().parse().ok());
-    });
+    let type_line = Callback::from(move |text: String| typed.set(text.parse().ok()));
     let find = {
         let on_find = properties.on_find.clone();
         Callback::from(move |_: MouseEvent| on_find.emit(line))
@@ -75,8 +73,8 @@ pub fn StartAtLine(properties: &StartAtLineProperties) -> Html {
         <details id="start-at-line" open={stopped_in.is_some()}>
             <summary>{ "Start at a line" }</summary>
             if let Some(line) = stopped_in { <p>{ format!("The job was stopped in line {line}.") }</p> }
-            <label>{ "Line " }<input id="entry-line" type="number" min="1" step="1" value={line.to_string()}
-                oninput={type_line} /></label>
+            <label>{ "Line " }<Field id="entry-line" kind="number" min="1" step="1" value={line.to_string()}
+                on_change={type_line} /></label>
             <button id="find-entry" type="button" disabled={!may_find} onclick={find}>{ "Find the start" }</button>
             {
                 match model.entry() {

@@ -6,6 +6,7 @@ use web_sys::{HtmlInputElement, HtmlSelectElement};
 use yew::prelude::*;
 
 use crate::{
+    areas::field::Field,
     context::use_page_context,
     model::{Action, Model},
     storage,
@@ -195,17 +196,14 @@ pub fn ProbeArea() -> Html {
         .filter(|(_, (name, _))| form.counts(name));
     let fields = shown.map(|(index, (name, text))| {
         let (form_now, change) = (form.clone(), change.clone());
-        let typed = Callback::from(move |event: Event| {
-            let value = event
-                .target_unchecked_into::<HtmlInputElement>()
-                .value_as_number();
+        let typed = Callback::from(move |value: String| {
             let mut changed = (*form_now).clone();
-            changed.values[index] = value;
+            changed.values[index] = value.parse().unwrap_or(f64::NAN);
             change(changed);
         });
         html! {
-            <label>{ *text }<input id={format!("probe-{name}")} type="number" min="0" step="any"
-                value={form.values[index].to_string()} onchange={typed} /></label>
+            <label>{ *text }<Field id={format!("probe-{name}")} kind="number" min="0" step="any"
+                value={form.values[index].to_string()} on_change={typed} /></label>
         }
     });
     let sides = [(1, 1), (-1, 1), (1, -1), (-1, -1)].map(|(x, y)| {

@@ -11,6 +11,7 @@ use web_sys::{HtmlInputElement, HtmlSelectElement};
 use yew::prelude::*;
 
 use crate::{
+    areas::field::Field,
     context::{PageContext, use_page_context},
     model::Model,
     storage,
@@ -167,6 +168,7 @@ fn Row(props: &RowProps) -> Html {
         );
         move |value: String| {
             let wrong = description.fault(&value);
+            let wrong = wrong.map(|reason| format!("{value}: {reason}"));
             if wrong.is_none() {
                 onset.emit((description.number, value));
             }
@@ -190,10 +192,7 @@ fn Row(props: &RowProps) -> Html {
             html! { <select {id} disabled={props.is_off} onchange={changed}>{ for options }</select> }
         }
         Kind::Bits(_) | Kind::Axes | Kind::Number | Kind::Text => {
-            let changed = Callback::from(move |event: Event| {
-                set(event.target_unchecked_into::<HtmlInputElement>().value());
-            });
-            html! { <input {id} disabled={props.is_off} value={props.value.clone()} onchange={changed} /> }
+            html! { <Field {id} is_off={props.is_off} value={props.value.clone()} on_change={Callback::from(set)} /> }
         }
     };
     let range = match (props.description.least, props.description.most) {

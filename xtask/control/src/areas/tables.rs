@@ -2,10 +2,9 @@
 
 use grbl_client::{Line, numbers};
 use leadscrew::axis::LETTERS;
-use web_sys::HtmlInputElement;
 use yew::prelude::*;
 
-use crate::{context::use_page_context, model::Model};
+use crate::{areas::field::Field, context::use_page_context, model::Model};
 
 /// The work systems by their names, with `P` of G10.
 const SYSTEMS: [(&str, u8); 9] = [
@@ -19,6 +18,11 @@ const SYSTEMS: [(&str, u8); 9] = [
     ("G59.2", 8),
     ("G59.3", 9),
 ];
+
+/// A number that was typed.
+fn finite(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|value: &f64| value.is_finite())
+}
 
 /// A tool of the table.
 #[derive(Debug, PartialEq)]
@@ -95,16 +99,15 @@ pub fn TablesArea() -> Html {
     let systems = systems.map(|(name, number, place)| {
         let cells = place.iter().zip(LETTERS).enumerate().map(|(axis, (value, letter))| {
             let (set, letter) = (set.clone(), char::from(letter));
-            let typed = Callback::from(move |event: Event| {
-                let value = event.target_unchecked_into::<HtmlInputElement>().value_as_number();
-                if value.is_finite() {
+            let typed = Callback::from(move |value: String| {
+                if let Some(value) = finite(&value) {
                     let value = if axis < 3 { value * scale } else { value };
                     set(&format!("G10L2P{number}{letter}{value:.5}"), "$#");
                 }
             });
             html! {
-                <td><input type="number" step="any" disabled={!may_set} aria-label={format!("{name} {letter}")}
-                    value={format!("{value:.3}")} onchange={typed} /></td>
+                <td><Field kind="number" step="any" is_off={!may_set} aria_label={format!("{name} {letter}")}
+                    value={format!("{value:.3}")} on_change={typed} /></td>
             }
         });
         let is_used = model.machine.modes.iter().any(|mode| mode == name);
@@ -131,16 +134,15 @@ pub fn TablesArea() -> Html {
     let tools = tools.iter().filter_map(|line| tool(line)).map(|Tool { number, length, diameter }| {
         let cells = [("Z", "length", length), ("R", "diameter", diameter)].map(|(word, name, value)| {
             let set = set.clone();
-            let typed = Callback::from(move |event: Event| {
-                let value = event.target_unchecked_into::<HtmlInputElement>().value_as_number();
-                let value = if word == "R" { value / 2.0 } else { value } / of_lines;
-                if value.is_finite() {
+            let typed = Callback::from(move |value: String| {
+                if let Some(value) = finite(&value) {
+                    let value = if word == "R" { value / 2.0 } else { value } / of_lines;
                     set(&format!("G10L1P{number}{word}{value:.5}"), "$TT");
                 }
             });
             html! {
-                <td><input type="number" step="any" disabled={!may_set} aria-label={format!("T{number} {name}")}
-                    value={format!("{value:.3}")} onchange={typed} /></td>
+                <td><Field kind="number" step="any" is_off={!may_set} aria_label={format!("T{number} {name}")}
+                    value={format!("{value:.3}")} on_change={typed} /></td>
             }
         });
         html! { <tr><th scope="row">{ format!("T{number}") }</th>{ for cells }</tr> }
