@@ -20,6 +20,8 @@ const port = process.argv[2];
 
 // How long the console may take to draw what is typed, by the page's own clock.
 const DRAWN_MS = 500;
+// After how long a job that is still open is closed again.
+const CLOSED_MS = 500;
 
 const CONNECTION = '[data-widget-id="connection"]';
 const GRBL = '[data-widget-id="grbl"]';
@@ -157,10 +159,17 @@ async function load(screen, name, lines) {
   await screen.until(({ sent }) => /^0 \/ [1-9]/.test(sent), 'the job is loaded');
 }
 
-/** Closes the job, which the page does when it is neither run nor paused. */
+/** Closes the job. The page does not where it believes that the job still runs or is paused: it is asked again. */
 async function unload(screen) {
   await screen.press(`${WORKFLOW} [title="Close"]`);
-  await screen.until(({ sent }) => !/[1-9]/.test(sent), 'the job is closed');
+  await until(async () => {
+    await new Promise((passed) => { setTimeout(passed, CLOSED_MS); });
+    const { sent } = await screen.look();
+    if (!/[1-9]/.test(sent)) return true;
+    const close = await screen.page.$(`${WORKFLOW} [title="Close"]:not(:disabled)`);
+    if (close) await close.evaluate((button) => button.click());
+    return false;
+  }, 'the job is closed');
 }
 
 /** The buttons of the overrides: feed, rapid, spindle. */
