@@ -138,6 +138,8 @@ async function jogged(page, hands) {
   await isState(page, 'Change of the tool');
   await hands.step(page, 'Z', 1);
   await until(async () => (await at(page)).endsWith(',6.000'), 'Z is jogged', () => job(page));
+  // Nothing is resumed while a jog is under way.
+  await isState(page, 'Change of the tool');
 }
 
 /** In the second tool, the job is stopped. */
