@@ -158,6 +158,14 @@ impl Client {
     pub fn command(&mut self, command: Command, now_ms: u64) {
         if let Some(text) = self.obstacle(&command) {
             self.note(Event::Note { text: text.into() });
+            if let Command::Line { number, .. } = command {
+                // Whoever waits for its answer waits no longer.
+                self.note(Event::Answer {
+                    number,
+                    lines: Vec::new(),
+                    response: String::new(),
+                });
+            }
             return;
         }
         match command {

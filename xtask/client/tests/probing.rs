@@ -273,6 +273,18 @@ fn what_is_not_as_it_should_be_ends_a_cycle_or_does_not_begin_it() {
     assert!(note.contains("has to be idle"), "{note}");
 }
 
+#[test]
+fn a_line_that_a_cycle_keeps_out_is_answered_by_nothing() {
+    let mut operated = touching();
+    operated.command(Command::Line {
+        number: 77,
+        text: "$G".into(),
+    });
+    operated.run(100);
+    let is_answer = |event: &Event| matches!(event, Event::Answer { number: 77, response, .. } if response.is_empty());
+    assert!(operated.events.iter().any(is_answer));
+}
+
 /// A machine amid the first touch of a cycle, with modes of its own.
 fn touching() -> OperatedMachine {
     let mut operated = operated();
