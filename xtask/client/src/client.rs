@@ -24,7 +24,7 @@ use crate::{
     Line, Lines, Response, Sender, Status, Transmission, realtime, sender::sendable,
     transmission::Key,
 };
-use answers::Answers;
+use answers::AnswerSync;
 use cycle::ProbingCycle;
 use jog::Jog;
 
@@ -117,7 +117,7 @@ pub struct Client {
     waiting: VecDeque<QueuedLine>,
     in_flight: VecDeque<QueuedLine>,
     /// To which lines answers belong.
-    answers: Answers,
+    answers: AnswerSync,
     /// Reports since a line was sent or answered, or an alarm.
     reports: u32,
     jog: Option<Jog>,
@@ -193,7 +193,7 @@ impl Client {
             Some(text)
         } else if self.cycle.is_some() && is_of_cycle {
             Some("a probing cycle is under way: nothing else is sent")
-        } else if command.may_move() && self.answers != Answers::Known && !self.is_quiet() {
+        } else if command.may_move() && self.answers != AnswerSync::Known && !self.is_quiet() {
             Some("the machine may still do what was asked for before: it has to come to rest first")
         } else if matches!(command, Command::Step { .. }) && self.jog_lines() >= MOST_STEPS {
             Some("the machine has to come to the end of its jogs first")
@@ -367,7 +367,7 @@ impl Client {
 
     /// Whether every line is sent and answered.
     fn is_answered(&self) -> bool {
-        let is_due = self.answers != Answers::Known && self.job.is_none();
+        let is_due = self.answers != AnswerSync::Known && self.job.is_none();
         !is_due && self.in_flight.is_empty() && self.waiting.is_empty() && self.restores.is_none()
     }
 
@@ -473,7 +473,7 @@ impl Client {
     fn may_send(&self, text: &str) -> bool {
         match &self.job {
             Some(_) => self.takes_lines_amid_job(),
-            None => self.answers == Answers::Known && self.sender.may_send(text.as_bytes()),
+            None => self.answers == AnswerSync::Known && self.sender.may_send(text.as_bytes()),
         }
     }
 

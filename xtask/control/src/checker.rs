@@ -23,7 +23,7 @@ use web_sys::{DedicatedWorkerGlobalScope, MessageEvent};
 use crate::wire::VirtualMachine;
 
 /// Changes of the virtual machine after which it is told how far it is.
-const CHANGES: u32 = 100_000;
+const CHANGES_BETWEEN_REPORTS: u32 = 100_000;
 /// Causes of refusals, and refused lines, that are shown: a file that is no program has one in each line.
 const MOST_CAUSES: usize = 100;
 const MOST_REFUSED: usize = 1000;
@@ -173,7 +173,7 @@ pub fn check(subject: &Subject, mut tell: impl FnMut(f64)) -> Result<Findings> {
         tell(answered as f64 / lines.len() as f64 / 2.0);
         Ok(())
     });
-    while !rehearsal.pump(CHANGES) {
+    while !rehearsal.pump(CHANGES_BETWEEN_REPORTS) {
         tell(0.5 + rehearsal.part() / 2.0);
     }
     let rehearsed = rehearsal.finish();

@@ -18,11 +18,11 @@ use crate::{
     worker::{Control, Reply},
 };
 pub(crate) use plan::QUESTIONS as JOB_QUESTIONS;
-pub use plan::{Basis, Check, Checked, FoundEntry, Inquiry, Plan, Purpose};
+pub use plan::{Check, CheckBasis, Checked, FoundEntry, PendingCheck, Plan, Purpose};
 
 /// The questions whose answers are kept, beside those that come before a job, and how those begin that describe a setting.
 const QUESTIONS: [&str; 3] = ["$EG", "$ES", "$I+"];
-const DESCRIPTION: &str = "$SED=";
+const DESCRIPTION_QUESTION: &str = "$SED=";
 /// How many lines the console keeps.
 const MOST_LINES: usize = 1000;
 
@@ -140,7 +140,7 @@ pub enum Action {
     /// The machine is asked what the checker has to know.
     Ask(Purpose),
     /// The checker has been asked.
-    Inquire(Box<Inquiry>),
+    Inquire(Box<PendingCheck>),
     /// The checker replies.
     CheckReply(CheckReply),
     /// The program is run all the same, or not.
@@ -355,7 +355,8 @@ impl Model {
         let Some(text) = self.unanswered.remove(&number) else {
             return;
         };
-        let is_question = QUESTIONS.contains(&text.as_str()) || text.starts_with(DESCRIPTION);
+        let is_question =
+            QUESTIONS.contains(&text.as_str()) || text.starts_with(DESCRIPTION_QUESTION);
         if JOB_QUESTIONS.contains(&text.as_str()) {
             self.take_job_answer(text, lines, response);
         } else if text.starts_with("$I") && response.starts_with("error:") {

@@ -15,7 +15,7 @@ const BEYOND_MM: f64 = 1.0;
 const PLATE_MM: f64 = 10.0;
 /// Where the block begins and ends in X and Y, from the low ends and in parts of the travel: not below the middle, where
 /// the machine stands at power-up. How high it is above the plate, in parts of the travel of Z.
-const BLOCK: [f64; 2] = [0.125, 0.375];
+const BLOCK_SPAN: [f64; 2] = [0.125, 0.375];
 const BLOCK_HEIGHT: f64 = 0.1;
 
 /// Where switches close, in steps from where the machine stands at power-up: the middle.
@@ -43,7 +43,7 @@ impl SwitchPositions {
             .0
             .map(|travel| f64::from(travel) / 2.0);
         let block = |part: f64| [X, Y].map(|axis| steps(axis, half_mm[axis] * (2.0 * part - 1.0)));
-        let ([left, front], [right, back]) = (block(BLOCK[0]), block(BLOCK[1]));
+        let ([left, front], [right, back]) = (block(BLOCK_SPAN[0]), block(BLOCK_SPAN[1]));
         let plate = steps(Z, -half_mm[Z] + PLATE_MM);
         let height = steps(Z, 2.0 * half_mm[Z] * BLOCK_HEIGHT);
         Self {

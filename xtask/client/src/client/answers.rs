@@ -17,7 +17,7 @@ const PATIENCE: u32 = 20;
 
 /// Whether it is known to which lines answers belong.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) enum Answers {
+pub(super) enum AnswerSync {
     /// It is not.
     #[default]
     Unknown,
@@ -34,7 +34,7 @@ pub(super) enum Answers {
 impl Client {
     /// Does not know any more to which lines answers belong: those that wait for one get none.
     pub(super) fn lose_answers(&mut self) {
-        self.answers = Answers::Unknown;
+        self.answers = AnswerSync::Unknown;
         self.sender = crate::Sender::default();
         for asked in mem::take(&mut self.in_flight) {
             self.answer(asked, "");
@@ -44,8 +44,8 @@ impl Client {
     /// Finds out to which lines answers belong, at rest.
     pub(super) fn settle_answers(&mut self) {
         let is_at_rest = self.is_quiet() && self.state.is_there;
-        if self.answers == Answers::Unknown && self.job.is_none() && is_at_rest {
-            self.answers = Answers::Asked(0);
+        if self.answers == AnswerSync::Unknown && self.job.is_none() && is_at_rest {
+            self.answers = AnswerSync::Asked(0);
             self.output.extend(QUESTION.as_bytes());
             self.output.push(b'\n');
             self.note(Event::Line {
@@ -63,7 +63,7 @@ impl Client {
 
     /// Takes a line while it is not known to which lines answers belong. Returns whether it is nobody's answer.
     fn settle(&mut self, line: &Line<'_>) -> bool {
-        use Answers::{Answered, Asked, Known, Settling, Unknown};
+        use AnswerSync::{Answered, Asked, Known, Settling, Unknown};
         self.answers = match (self.answers, line) {
             (Known, _) => return false,
             (_, Line::Welcome) => Known,

@@ -10,13 +10,13 @@ use yew::prelude::*;
 use crate::{
     areas::{
         entry::StartAtLine,
-        setup::{CarefulMove, lift_line},
+        setup::{RetractedMove, lift_line},
         view::ViewArea,
     },
     checker::{AxisExtent, Findings},
     context::{PageContext, use_page_context},
     link::ToChecker,
-    model::{Action, Basis, Check, Checked, Model, Program, Purpose},
+    model::{Action, Check, CheckBasis, Checked, Model, Program, Purpose},
 };
 
 /// How long nothing may have changed before a check begins by itself, ms.
@@ -160,10 +160,10 @@ fn use_checker(context: &PageContext) {
 #[hook]
 fn use_automatic_check(context: &PageContext) {
     let model = &context.model;
-    let basis = Basis::of(model);
+    let basis = CheckBasis::of(model);
     let is_wanted = model.may_ask() && !model.is_checking() && model.valid_check().is_none();
     let program = model.program.clone().filter(|_| is_wanted);
-    let tried = use_mut_ref(|| None::<(Rc<Program>, Basis)>);
+    let tried = use_mut_ref(|| None::<(Rc<Program>, CheckBasis)>);
     let latest = use_mut_ref(|| context.clone());
     *latest.borrow_mut() = context.clone();
     use_effect_with((program, basis), move |(program, basis)| {
@@ -275,7 +275,7 @@ fn Outcome(properties: &OutcomeProperties) -> Html {
                     compared." }</p>
             }
             if !checked.cut_mm.is_empty() && checked.machine.is_some() {
-                <CarefulMove name="Outline" lines={outline_lines(model, checked)} may_go={model.may_jog() && is_valid} />
+                <RetractedMove name="Outline" lines={outline_lines(model, checked)} may_go={model.may_jog() && is_valid} />
             }
         </div>
     }

@@ -122,7 +122,7 @@ pub fn SetupArea() -> Html {
                 { line_button(&context, "Unlock", "Unlock", "$X".into(), is_locked) }
                 <button type="button" disabled={!model.may_operate()} onclick={reset}>{ "Reset" }</button>
             </div>
-            <CarefulMove name="Go to zero" lines={lines_to_zero(model)} may_go={model.may_jog()} />
+            <RetractedMove name="Go to zero" lines={lines_to_zero(model)} may_go={model.may_jog()} />
             <div role="group" aria-label="Z to zero">{ z_button(&context) }</div>
         </section>
     }
@@ -139,7 +139,7 @@ fn z_button(context: &PageContext) -> Html {
 
 /// What a move of X and Y is given.
 #[derive(Clone, PartialEq, Properties)]
-pub(crate) struct CarefulMoveProperties {
+pub(crate) struct RetractedMoveProperties {
     /// Its name.
     pub(crate) name: AttrValue,
     /// Its lines, of which the first raises Z where its top is known.
@@ -150,10 +150,10 @@ pub(crate) struct CarefulMoveProperties {
 
 /// A move of X and Y. Where the top of Z is not known, the operator is asked.
 #[component]
-pub(crate) fn CarefulMove(properties: &CarefulMoveProperties) -> Html {
+pub(crate) fn RetractedMove(properties: &RetractedMoveProperties) -> Html {
     let context = use_page_context();
     let is_asked = use_state(|| false);
-    let CarefulMoveProperties {
+    let RetractedMoveProperties {
         name,
         lines,
         may_go,

@@ -6,7 +6,7 @@ use web_sys::{ClipboardEvent, HtmlInputElement};
 use yew::{Event, KeyboardEvent};
 
 use super::{
-    surface::{Surface, WHOLE, is_at_end},
+    surface::{MOST_WHOLE_LINES, Surface, is_at_end},
     text::{Place, split_at},
 };
 
@@ -27,7 +27,7 @@ impl Surface {
         editing.text.replace(window.start, window.len(), &value);
         let after = editing.text.lines().len();
         editing.window = window.start..window.end + after - before;
-        let is_grown = after > WHOLE && editing.window.len() > 2 * WHOLE;
+        let is_grown = after > MOST_WHOLE_LINES && editing.window.len() > 2 * MOST_WHOLE_LINES;
         drop(editing);
         self.change();
         if is_grown {

@@ -16,10 +16,10 @@ use super::{
 /// The height of a line, as in the style.
 const LINE_PX: i32 = 18;
 /// A text of so many lines is in the field as a whole; of a longer one are so many, before and behind what is seen.
-pub(super) const WHOLE: usize = 1500;
-const AROUND: usize = 250;
+pub(super) const MOST_WHOLE_LINES: usize = 1500;
+const LINES_AROUND_VIEW: usize = 250;
 /// The lines that are drawn before and behind what is seen, so that scrolling never shows a gap.
-const DRAWN: usize = 40;
+const OVERSCAN_LINES: usize = 40;
 /// With fewer lines before or behind, there are to be others.
 const NEAR: usize = 20;
 /// How long nothing scrolls before the field is filled anew, ms.
@@ -78,11 +78,11 @@ impl Default for Editing {
 
 /// The lines that are to be in the field, of so many, around some of them.
 fn window_around(lines: usize, seen: &Range<usize>) -> Range<usize> {
-    if lines <= WHOLE {
+    if lines <= MOST_WHOLE_LINES {
         0..lines
     } else {
-        let end = (seen.end + AROUND).min(lines);
-        seen.start.saturating_sub(AROUND).min(end - 1)..end
+        let end = (seen.end + LINES_AROUND_VIEW).min(lines);
+        seen.start.saturating_sub(LINES_AROUND_VIEW).min(end - 1)..end
     }
 }
 
@@ -150,8 +150,8 @@ impl Surface {
     pub(super) fn drawn_lines(&self) -> Vec<DrawnLine> {
         let seen = self.seen();
         let mut editing = self.editing.borrow_mut();
-        let end = (seen.end + DRAWN).min(editing.text.lines().len());
-        editing.drawn = seen.start.saturating_sub(DRAWN)..end;
+        let end = (seen.end + OVERSCAN_LINES).min(editing.text.lines().len());
+        editing.drawn = seen.start.saturating_sub(OVERSCAN_LINES)..end;
         let lines = editing.text.lines()[editing.drawn.clone()].iter();
         let lines = (editing.drawn.start + 1..).zip(lines);
         lines.map(|(number, text)| (number, text.clone())).collect()
@@ -356,15 +356,18 @@ mod tests {
     #[test]
     fn the_field_has_the_whole_of_a_short_text_and_what_is_seen_of_a_long_one() {
         assert_eq!(window_around(1, &(0..1)), 0..1);
-        assert_eq!(window_around(WHOLE, &(5..9)), 0..WHOLE);
-        assert_eq!(window_around(200_000, &(0..20)), 0..20 + AROUND);
+        assert_eq!(
+            window_around(MOST_WHOLE_LINES, &(5..9)),
+            0..MOST_WHOLE_LINES
+        );
+        assert_eq!(window_around(200_000, &(0..20)), 0..20 + LINES_AROUND_VIEW);
         assert_eq!(
             window_around(200_000, &(1000..1020)),
-            1000 - AROUND..1020 + AROUND
+            1000 - LINES_AROUND_VIEW..1020 + LINES_AROUND_VIEW
         );
         assert_eq!(
             window_around(200_000, &(199_990..200_000)),
-            199_990 - AROUND..200_000
+            199_990 - LINES_AROUND_VIEW..200_000
         );
         // What was seen of a longer text.
         assert_eq!(window_around(2000, &(5000..5020)), 1999..2000);

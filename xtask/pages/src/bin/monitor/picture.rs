@@ -73,7 +73,7 @@ pub(crate) struct Now {
 
 /// How far a job is that is known in advance.
 #[derive(Debug)]
-pub(crate) struct Followed {
+pub(crate) struct ExecutedPath {
     pub(crate) progress: Progress,
     /// Where its path bends that the machine has passed since.
     pub(crate) bends: Vec<Place>,
@@ -230,8 +230,8 @@ impl Picture {
     }
 
     /// Takes note of how far the job is, and adds what the machine has passed of its path.
-    pub(crate) fn follow(&mut self, followed: Option<Followed>) {
-        let Some(Followed { progress, bends }) = followed else {
+    pub(crate) fn follow(&mut self, followed: Option<ExecutedPath>) {
+        let Some(ExecutedPath { progress, bends }) = followed else {
             return;
         };
         for at in bends {

@@ -12,7 +12,7 @@ use crate::track::AXES;
 pub(crate) type NamedValue = (String, String);
 
 /// The fields that are shown in words; every other one is shown as it comes.
-const IN_WORDS: [&str; 10] = [
+const WORDED_FIELDS: [&str; 10] = [
     "MPos", "WPos", "WCO", "F", "FS", "Bf", "Ln", "Pn", "Ov", "A",
 ];
 
@@ -79,7 +79,7 @@ pub(crate) fn of(status: &Status, modes: &Modes, is_in_inches: bool) -> Vec<Name
     for (name, value) in &report.fields {
         match name.as_str() {
             "T" => add("Tool", format!("T{value}")),
-            other if !IN_WORDS.contains(&other) => add(other, value.clone()),
+            other if !WORDED_FIELDS.contains(&other) => add(other, value.clone()),
             _ => {}
         }
     }

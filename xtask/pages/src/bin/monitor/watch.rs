@@ -23,7 +23,7 @@ use simulation::{playing::RaisedAlarm, pty::Pty};
 
 use crate::{
     path_follower::PathFollower,
-    picture::{Followed, Shared},
+    picture::{ExecutedPath, Shared},
     tap::Tap,
     track::{AXES, Report, Sighting, Track},
 };
@@ -268,14 +268,14 @@ impl Watch {
     }
 
     /// Finds how far the job is when the machine is at a place, where the job is known.
-    fn follow(&mut self, place: [f64; AXES]) -> Option<Followed> {
+    fn follow(&mut self, place: [f64; AXES]) -> Option<ExecutedPath> {
         let path_follower = self.path_follower.as_mut()?;
         let state = self.report.as_ref().map_or("", |report| &report.state);
         let before = path_follower.at_s();
         let progress = path_follower.follow(place, self.start.elapsed().as_secs_f64(), state);
         let from_s = before.filter(|_| progress.is_on_path);
         let bends = from_s.map(|from_s| path_follower.bends(from_s, progress.time_s).collect());
-        Some(Followed {
+        Some(ExecutedPath {
             progress,
             bends: bends.unwrap_or_default(),
         })

@@ -18,7 +18,7 @@ use common::ui;
 use crate::http::Request;
 
 /// How long a token for one request counts.
-const BROWSER_START: Duration = Duration::from_mins(1);
+const ONE_TIME_TOKEN_LIFE: Duration = Duration::from_mins(1);
 
 /// A secret of 128 bits, in hexadecimal digits.
 pub(super) struct Token(String);
@@ -103,7 +103,7 @@ impl OneTimeToken {
                 "the browser's address was used twice: if you see no page, end this program, for somebody else does",
             );
         }
-        !is_used && self.since.elapsed() < BROWSER_START
+        !is_used && self.since.elapsed() < ONE_TIME_TOKEN_LIFE
     }
 }
 
