@@ -80,6 +80,10 @@ pub(crate) struct Grbl {
     is_report_due: bool,
     /// State words seen in reports.
     states: Vec<String>,
+    /// The machine waits in a change of the tool: new lines come before the lines that it keeps.
+    is_changing_tool: bool,
+    /// How many of the first pending lines were sent then.
+    ahead: usize,
 }
 
 impl Grbl {
@@ -88,12 +92,19 @@ impl Grbl {
         let text = String::from_utf8_lossy(&self.sent).into_owned();
         self.sent.clear();
         self.counts.lines += 1;
-        self.pending.push_back(Pending {
+        let at = if self.is_changing_tool {
+            self.ahead.min(self.pending.len())
+        } else {
+            self.pending.len()
+        };
+        self.ahead += usize::from(self.is_changing_tool);
+        let line = Pending {
             text,
             bytes,
             is_uncertain: self.is_reset_asked,
             listed: 0,
-        });
+        };
+        self.pending.insert(at, line);
         if self.is_reset_asked {
             self.after_reset += 1;
         }
@@ -139,6 +150,7 @@ impl Grbl {
         self.counts.answers += 1;
         let is_locked = self.is_locked;
         self.skip_answered(|line| line.is_uncertain || may_have(&line.text, answer, is_locked));
+        self.ahead = self.ahead.saturating_sub(1);
         let Some(line) = self.pending.pop_front() else {
             return self.fault(format!("{answer} answers nothing"));
         };
@@ -210,6 +222,7 @@ impl Grbl {
         if report.field("MPos").is_none() || report.field("FS").is_none() {
             self.fault(format!("a report without its parts: {text}"));
         }
+        self.is_changing_tool = report.state == "Tool";
         if !STATES.contains(&report.state.as_str()) {
             self.fault(format!("no such state: {text}"));
         } else if !self.states.contains(&report.state) {
@@ -220,6 +233,7 @@ impl Grbl {
 
     fn welcomed(&mut self, text: &str) {
         self.counts.welcomes += 1;
+        (self.is_changing_tool, self.ahead) = (false, 0);
         if text != "Grbl 1.1h ['$' for help]" {
             self.fault(format!("an unknown welcome: {text}"));
         }
@@ -254,7 +268,10 @@ impl Account for Grbl {
                     self.is_report_due = true;
                 }
                 realtime::RESET => self.reset_asked(),
-                realtime::HOLD | realtime::RESUME | 0x80.. => self.counts.realtime += 1,
+                realtime::HOLD | realtime::RESUME | 0x80.. => {
+                    self.counts.realtime += 1;
+                    self.is_changing_tool &= byte != realtime::RESUME;
+                }
                 // Each of them ends a line, as for Grbl.
                 b'\n' | b'\r' => self.line_sent(),
                 byte => self.sent.push(byte),
@@ -484,6 +501,24 @@ mod tests {
         let exchange = [">G0\nG33 (error:20)\n", "<error:20", "<ok"];
         assert_eq!(faults(&exchange).len(), 2);
         assert_eq!(faults(&[">G0\n$G\n", "<[GC:G0]", "<ok", "<ok"]).len(), 2);
+    }
+
+    #[test]
+    fn a_change_of_the_tool_takes_lines_before_those_that_it_keeps() {
+        let report = |state: &str| format!("<<{state}|MPos:0.000,0.000,0.000|FS:0,0>");
+        let in_state = |state: &str| {
+            let (hold, tool) = (report("Hold:0"), report(state));
+            let change = [">M6\nG0\n?", &hold, ">\u{a3}?", &tool, ">$G\n", "<[GC:G0]"];
+            faults(
+                &[
+                    &change[..],
+                    &["<ok", ">~", "<ok", "<ok", ">$G\n", "<[GC:G0]", "<ok"],
+                ]
+                .concat(),
+            )
+        };
+        assert!(in_state("Tool").is_empty());
+        assert_eq!(in_state("Hold:0").len(), 2);
     }
 
     #[test]
