@@ -23,7 +23,7 @@ const WITHIN_MS = 250;
 // For how long it is watched.
 const WATCHED_MS = 1500;
 const KEY = 'ArrowLeft';
-const QUESTIONS = ['$$', '$G', '$I', '$+'];
+const QUESTIONS = ['$$', '$G', '$I', '$I+', '$+'];
 
 async function ready(connection) {
   const { page } = connection;
@@ -33,17 +33,20 @@ async function ready(connection) {
   await choose(page, 0);
 }
 
-/** Holds the key until the axis moves. A page that was hidden may not have the keyboard at once. */
+/** Holds the key until the axis moves, and returns since when. A page that was hidden may not have the keyboard at once. */
 async function hold(page) {
   await page.bringToFront();
   const before = await at(page);
+  let heldMs;
   await until(async () => {
     await page.keyboard.up(KEY);
     await page.focus('#pad');
+    heldMs = performance.now();
     await page.keyboard.down(KEY);
     await delay(500);
     return await state(page) === 'Jogging' && await at(page) !== before;
   }, 'it moves', () => seen(page));
+  return heldMs;
 }
 
 /** What is lost while the page stays: it is the same page afterwards. */
@@ -62,8 +65,9 @@ function losses(connection, browser) {
   ];
 }
 
-/** Makes one loss; returns what is judged. */
-async function lose(machine, what, cause) {
+/** Holds the key and makes one loss; returns what is judged. */
+async function lose(machine, page, what, cause) {
+  const heldMs = await hold(page);
   const beganMs = performance.now();
   await cause();
   const ms = performance.now();
@@ -74,7 +78,7 @@ async function lose(machine, what, cause) {
   const lines = behind.filter((line) => !QUESTIONS.includes(line.replaceAll(/[\x80-\xff!~\x18]/g, '')));
   check(lines.length === 0, `${what}: behind is sent ${JSON.stringify(lines)}`);
   return {
-    what, beganMs, ms, untilMs,
+    what, heldMs, beganMs, ms, untilMs,
   };
 }
 
@@ -84,16 +88,14 @@ async function watch(machine, connection, browser, last, isWhole) {
   const judgements = [];
   await ready(connection);
   for (const [what, cause] of isWhole ? losses(connection, browser) : []) {
-    await hold(page);
-    judgements.push(await lose(machine, what, cause));
+    judgements.push(await lose(machine, page, what, cause));
     if (connection.other) await connection.other.close();
     delete connection.other;
     await page.keyboard.up(KEY);
     check(['Idle', 'Jogging'].includes(await state(page)), await seen(page));
     await isState(page, 'Idle');
   }
-  await hold(page);
-  judgements.push(await lose(machine, ...last(connection)));
+  judgements.push(await lose(machine, page, ...last(connection)));
   return judgements;
 }
 
