@@ -2,7 +2,7 @@
 //! of printers' configurations, and boards that run on models of their chips.
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::{BTreeSet, VecDeque},
     path::Path,
     process::{ExitCode, Stdio},
     sync::Mutex,
@@ -222,30 +222,34 @@ fn extent(options: &Rehearse) -> Option<&'static str> {
         .map(|it| it.1)
 }
 
-/// Has something done with the firmware of boards with each number of axes, or one only. Two chips run at a time, each in its own
-/// folder; the firmwares of a chip run one after the other. Returns false where one fails.
+/// Has something done with the firmware of boards with each number of axes, or one only. Two firmwares are made at a time, each in a
+/// folder of its own: of the boards by chip, one is next at the beginning and one at the end, so that what a chip needs is
+/// seldom compiled twice. Returns false where one fails.
 fn with_each_firmware(boards: &[Board], only: Option<u8>, arguments: &[&str]) -> Result<bool> {
-    let mut by_chip: BTreeMap<&str, Vec<&Board>> = BTreeMap::new();
-    for board in boards {
-        by_chip.entry(&board.chip.hal).or_default().push(board);
-    }
-    let chips = Mutex::new(by_chip.into_values());
-    let top = cargo::target_dir_for(3);
-    let next = || chips.lock().ok()?.next();
-    let work = |into: &Path| -> Result<bool> {
+    let mut by_chip: Vec<_> = boards.iter().collect();
+    by_chip.sort_by_key(|board| &board.chip.hal);
+    let boards = Mutex::new(VecDeque::from(by_chip));
+    let next = |is_first: bool| -> Option<&Board> {
+        let mut boards = boards.lock().ok()?;
+        if is_first {
+            boards.pop_front()
+        } else {
+            boards.pop_back()
+        }
+    };
+    let work = |is_first: bool, into: &Path| -> Result<bool> {
         let mut is_right = true;
-        while let Some(boards) = next() {
-            for board in boards {
-                for axes in board.numbers_of_axes(only) {
-                    is_right &= with_firmware(board, axes, into, arguments)?;
-                }
+        while let Some(board) = next(is_first) {
+            for axes in board.numbers_of_axes(only) {
+                is_right &= with_firmware(board, axes, into, arguments)?;
             }
         }
         Ok(is_right)
     };
+    let top = cargo::target_dir_for(3);
     thread::scope(|scope| {
-        let second = scope.spawn(|| work(&top.join("second")));
-        let own = work(&top);
+        let second = scope.spawn(|| work(false, &top.join("second")));
+        let own = work(true, &top);
         let second = second
             .join()
             .map_err(|_| anyhow!("a thread has panicked"))?;
