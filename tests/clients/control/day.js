@@ -174,12 +174,8 @@ async function day(page, hands, machine) {
   const zero = await zeroed(page, hands, machine);
   await run(page, hands);
   await jogged(page, hands);
-  if (await page.$('#start-at-line')) {
-    await stopped(page, hands);
-    await resumed(page, hands);
-  } else {
-    await hands.click(page, '#resume');
-  }
+  await stopped(page, hands);
+  await resumed(page, hands);
   const end = zero.map((place, axis) => place + [0, 0, 10][axis]);
   await isAt(page, END);
   await isAt(page, places(...end), 'machine');

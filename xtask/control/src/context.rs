@@ -10,6 +10,7 @@ use crate::{
     link::Link,
     model::{Action, Model},
     wire::Transport,
+    worker::Speed,
 };
 
 /// What each area has.
@@ -60,6 +61,12 @@ impl PageContext {
     pub(crate) fn connect(&self, transport: Transport) {
         self.model.dispatch(Action::Opening);
         self.link.connect(transport);
+    }
+
+    /// Has the virtual machine go faster, or as fast as any other.
+    pub(crate) fn set_speed(&self, speed: Speed) {
+        self.model.dispatch(Action::Speed(speed));
+        self.link.set_speed(speed);
     }
 }
 

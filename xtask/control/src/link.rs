@@ -10,7 +10,7 @@ use yew::Callback;
 
 use crate::{
     wire::Transport,
-    worker::{Reply, Request},
+    worker::{Reply, Request, Speed},
 };
 use program::ToProgram;
 pub(crate) use to_checker::ToChecker;
@@ -44,6 +44,13 @@ impl Link {
     pub fn connect(&self, transport: Transport) {
         if let Self::Worker(worker) = self {
             worker.request(&Request::Connect(transport));
+        }
+    }
+
+    /// Has the virtual machine go faster.
+    pub fn set_speed(&self, speed: Speed) {
+        if let Self::Worker(worker) = self {
+            worker.request(&Request::Speed(speed));
         }
     }
 

@@ -15,7 +15,7 @@ mod plan;
 
 use crate::{
     checker::CheckReply,
-    worker::{Control, Reply},
+    worker::{Control, Reply, Speed},
 };
 pub(crate) use plan::QUESTIONS as JOB_QUESTIONS;
 pub use plan::{Check, CheckBasis, Checked, FoundEntry, PendingCheck, Plan, Purpose};
@@ -95,6 +95,8 @@ pub struct Model {
     pub connection: Connection,
     /// The machine, as its client knows it.
     pub machine: State,
+    /// How fast it goes.
+    pub speed: Speed,
     /// Who controls the machine, where the local program has it.
     pub control: Option<Control>,
     /// The console.
@@ -125,6 +127,8 @@ pub enum Action {
     Reply(Reply, u32),
     /// The page has asked for a line to a machine.
     Opening,
+    /// The virtual machine goes so fast.
+    Speed(Speed),
     /// The page has sent a line with a number.
     Sent(u32, String),
     /// Status reports are to be in the console, or not.
@@ -227,6 +231,7 @@ impl Model {
                     ..Self::default()
                 }
             }
+            Action::Speed(speed) => self.speed = speed,
             Action::Sent(number, text) => {
                 // What is asked before a job is no act of the operator.
                 if !JOB_QUESTIONS.contains(&text.as_str()) {

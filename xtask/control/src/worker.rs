@@ -11,7 +11,11 @@ use serde::{Deserialize, Serialize};
 use wasm_bindgen::{JsCast as _, JsValue, prelude::Closure};
 use web_sys::{DedicatedWorkerGlobalScope, MessageEvent, WorkerGlobalScope};
 
+mod clock;
+
 use crate::wire::{self, Transport, Wire};
+use clock::Clock;
+pub use clock::Speed;
 
 /// How often the client goes on, ms.
 const TICK_MS: u32 = 20;
@@ -21,6 +25,8 @@ const TICK_MS: u32 = 20;
 pub enum Request {
     /// Opens a line, in place of any other.
     Connect(Transport),
+    /// Has the virtual machine go faster, until another line is opened.
+    Speed(Speed),
     /// Closes it. A jog ends before.
     Disconnect,
     /// For the client.
@@ -58,6 +64,8 @@ pub struct Control {
 pub struct Controller {
     client: Client,
     wire: Option<Box<dyn Wire>>,
+    clock: Clock,
+    is_virtual: bool,
 }
 
 impl Controller {
@@ -65,8 +73,10 @@ impl Controller {
     pub fn request(&mut self, request: Request, now_ms: u64) -> Vec<Reply> {
         match request {
             Request::Connect(transport) => {
-                self.close(now_ms);
+                self.close();
                 self.client = Client::default();
+                self.clock = Clock::at(now_ms);
+                self.is_virtual = transport == Transport::Virtual;
                 match wire::open(&transport, now_ms) {
                     Ok(wire) => {
                         self.wire = Some(wire);
@@ -75,13 +85,20 @@ impl Controller {
                     Err(reason) => vec![Reply::Disconnected(reason)],
                 }
             }
+            Request::Speed(speed) => {
+                // No other machine waits for a clock.
+                if self.is_virtual {
+                    self.clock.speed = speed;
+                }
+                Vec::new()
+            }
             Request::Disconnect => {
-                self.close(now_ms);
+                self.close();
                 vec![Reply::Disconnected(String::new())]
             }
             Request::Command(command) => {
                 if self.wire.is_some() {
-                    self.client.command(command, now_ms);
+                    self.client.command(command, self.clock.now_ms());
                 }
                 self.exchange(now_ms)
             }
@@ -104,6 +121,13 @@ impl Controller {
     /// Moves bytes both ways, as soon as there are any: what has come makes room for lines, and a short line is answered
     /// long before the next tick. Returns what is to be shown of a line that is lost.
     pub fn exchange(&mut self, now_ms: u64) -> Vec<Reply> {
+        let mut times = self.clock.advance(now_ms);
+        let lost =
+            times.find_map(|now_ms| Some(self.exchange_at(now_ms)).filter(|it| !it.is_empty()));
+        lost.unwrap_or_default()
+    }
+
+    fn exchange_at(&mut self, now_ms: u64) -> Vec<Reply> {
         let Some(wire) = &mut self.wire else {
             return Vec::new();
         };
@@ -135,11 +159,11 @@ impl Controller {
     }
 
     /// Ends a jog, and closes the line.
-    fn close(&mut self, now_ms: u64) {
+    fn close(&mut self) {
         if let Some(mut wire) = self.wire.take() {
             self.client.leave();
             // Where the line is broken, there is nobody to stop.
-            let _ = wire.exchange(&self.client.take_output(), now_ms);
+            let _ = wire.exchange(&self.client.take_output(), self.clock.now_ms());
             self.client.lose_line();
         }
     }
@@ -229,6 +253,29 @@ mod tests {
         let replies = controller.request(Request::Disconnect, 4000);
         assert_eq!(replies, [Reply::Disconnected(String::new())]);
         assert_eq!(run(&mut controller, 4000, 200), []);
+    }
+
+    #[test]
+    fn the_virtual_machine_alone_goes_faster_and_its_client_with_it() {
+        let mut controller = Controller::default();
+        controller.request(Request::Connect(Transport::Virtual), 0);
+        controller.request(Request::Speed(Speed(20)), 0);
+        run(&mut controller, 0, 100);
+        for (number, text) in ["$X", "G21G91G1X30F600"].into_iter().enumerate() {
+            let text = text.into();
+            let number = number as u32;
+            controller.request(Request::Command(Command::Line { number, text }), 100);
+        }
+        // Three seconds of motion.
+        run(&mut controller, 100, 260);
+        assert_eq!(
+            (controller.client.state().state.as_str(), x_mm(&controller)),
+            ("Idle", 30.0)
+        );
+        controller.wire = None;
+        controller.is_virtual = false;
+        controller.request(Request::Speed(Speed(1)), 400);
+        assert_eq!(controller.clock.speed, Speed(20));
     }
 
     #[test]

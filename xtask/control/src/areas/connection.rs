@@ -14,11 +14,14 @@ use crate::{
     context::{PageContext, use_page_context},
     model::{Connection, Model},
     wire::{Transport, choose_port, has_serial},
+    worker::Speed,
 };
 use identity::{about, use_identity};
 
 /// The baud rates that machines have; the usual one first.
 const BAUDS: [u32; 5] = [115_200, 230_400, 460_800, 921_600, 1_000_000];
+/// How fast the virtual machine may go.
+const SPEEDS: [u32; 3] = [1, 5, 20];
 /// Where a controller with a WebSocket is by default.
 const ADDRESS: &str = "ws://fluidnc.local:81/";
 
@@ -31,6 +34,7 @@ struct ConnectionForm {
     kind: String,
     baud: u32,
     address: String,
+    speed: Speed,
 }
 
 impl Default for ConnectionForm {
@@ -39,6 +43,7 @@ impl Default for ConnectionForm {
             kind: "virtual".into(),
             baud: BAUDS[0],
             address: ADDRESS.into(),
+            speed: Speed::default(),
         }
     }
 }
@@ -101,7 +106,10 @@ fn connect(context: PageContext, choice: ConnectionForm, wish: Rc<RefCell<Wish>>
             transport: Some(transport.clone()),
             was_there: false,
         };
+        let is_virtual = transport == Transport::Virtual;
         context.connect(transport);
+        let speed = is_virtual.then_some(choice.speed);
+        context.set_speed(speed.unwrap_or_default());
     };
     match choice.kind.as_str() {
         "serial" => spawn_local(async move {
@@ -176,6 +184,7 @@ pub fn ConnectionArea() -> Html {
         <section class="connection" aria-label="Connection">
             <form onsubmit={submit}>
                 <fieldset disabled={!is_closed}>{ fields(&choice) }</fieldset>
+                if choice.kind == "virtual" { { speeds(&context, &choice) } }
                 <button id="connect" class="main">{ label }</button>
             </form>
             { status }
@@ -183,6 +192,27 @@ pub fn ConnectionArea() -> Html {
             <a href="index.html#boards">{ "Install firmware" }</a>
         </section>
     }
+}
+
+/// How fast the virtual machine goes: also amid a job.
+fn speeds(context: &PageContext, choice: &UseStateHandle<ConnectionForm>) -> Html {
+    let change = {
+        let (context, choice) = (context.clone(), choice.clone());
+        Callback::from(move |event: Event| {
+            let chosen = event.target_unchecked_into::<HtmlSelectElement>().value();
+            let speed = chosen.parse().map(Speed).unwrap_or_default();
+            context.set_speed(speed);
+            choice.set(ConnectionForm {
+                speed,
+                ..(*choice).clone()
+            });
+        })
+    };
+    let options = SPEEDS.map(|times| {
+        let text = if times == 1 { "real time".into() } else { format!("{times} times as fast") };
+        html! { <option value={times.to_string()} selected={choice.speed == Speed(times)}>{ text }</option> }
+    });
+    html! { <label>{ "Speed " }<select id="speed" onchange={change}>{ for options }</select></label> }
 }
 
 /// The machine, and what else has to be known of it.

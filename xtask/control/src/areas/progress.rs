@@ -5,7 +5,7 @@ use gloo_timers::callback::Interval;
 use simulation::progress::Progress;
 use yew::prelude::*;
 
-use crate::{app::time_ms, context::use_page_context, model::Action};
+use crate::{app::time_ms, context::use_page_context, model::Action, worker::Speed};
 
 /// How often the clock goes on, ms.
 const TICK_MS: u32 = 250;
@@ -13,14 +13,15 @@ const TICK_MS: u32 = 250;
 const DAY_MS: u32 = 24 * 3600 * 1000;
 
 /// How far the job is, in words, at a time of day in ms.
-fn words(progress: &Progress, lines: usize, now_ms: u32) -> String {
+fn words(progress: &Progress, lines: usize, Speed(speed): Speed, now_ms: u32) -> String {
     let line = (progress.line + 1).min(lines);
     // Whole seconds, also below a minute.
     let left = match progress.left_s.round() {
         seconds if seconds < 60.0 => format!("{seconds} s"),
         seconds => duration(seconds),
     };
-    let end_ms = (f64::from(now_ms) + progress.left_s * 1000.0) as u64 % u64::from(DAY_MS);
+    let left_ms = progress.left_s * 1000.0 / f64::from(speed);
+    let end_ms = (f64::from(now_ms) + left_ms) as u64 % u64::from(DAY_MS);
     let (hours, minutes) = (end_ms / 3_600_000, end_ms / 60_000 % 60);
     let about = if progress.is_estimated { "about " } else { "" };
     format!("line {line} of {lines}, {about}{left} left, ends {about}at {hours:02}:{minutes:02}")
@@ -52,7 +53,7 @@ pub fn JobProgress() -> Html {
     let progress = context.model.progress().filter(|_| is_running);
     html! {
         if let Some(progress) = progress {
-            <p id="left">{ words(progress, lines, time_ms()) }</p>
+            <p id="left">{ words(progress, lines, context.model.speed, time_ms()) }</p>
         }
     }
 }
@@ -69,19 +70,27 @@ mod tests {
             is_estimated,
         };
         let late_ms = DAY_MS - 60_000;
-        for (progress, now_ms, expected) in [
+        for (progress, speed, now_ms, expected) in [
             (
                 progress(2, 12.4, false),
+                1,
                 0,
                 "line 3 of 6, 12 s left, ends at 00:00",
             ),
             (
                 progress(6, 725.0, true),
+                1,
                 late_ms,
                 "line 6 of 6, about 12 min 5 s left, ends about at 00:11",
             ),
+            (
+                progress(5, 1200.0, false),
+                20,
+                0,
+                "line 6 of 6, 20 min 0 s left, ends at 00:01",
+            ),
         ] {
-            assert_eq!(words(&progress, 6, now_ms), expected);
+            assert_eq!(words(&progress, 6, Speed(speed), now_ms), expected);
         }
     }
 }

@@ -496,6 +496,7 @@ impl Model {
 
     /// Some time has passed, s.
     pub(super) fn tick(&mut self, passed_s: f64) {
+        let passed_s = passed_s * f64::from(self.speed.0);
         let Some(job) = self.machine.job.as_ref().filter(|job| job.is_running) else {
             self.plan.clock = None;
             return;
