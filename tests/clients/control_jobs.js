@@ -29,10 +29,10 @@ async function main() {
   const browser = await browse();
   const connection = await open[CONTROL_CONNECTION](browser);
   try {
-    await connections.connect(connection);
+    const isEmulated = place === 'qemu';
+    await connections.connect(connection, isEmulated ? 'Idle' : undefined);
     if (connection.line) connection.line.say(SAID[CONTROL_CONNECTION]);
     const hands = CONTROL_CONNECTION === 'served' ? MOUSE : KEYBOARD;
-    const isEmulated = place === 'qemu';
     const end = await day(connection.page, hands, { measured, hasBlock: !isEmulated, feed: isEmulated ? 3000 : 6000 });
     check(connection.faults.length === 0, connection.faults.join('\n'));
     return end;

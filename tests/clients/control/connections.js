@@ -58,10 +58,10 @@ async function served(browser, monitor, machine, screen = SCREEN) {
   };
 }
 
-/** Connects, and waits until the machine is there, which is locked as it was switched on. */
-async function connect(connection) {
+/** Connects, and waits until the machine is there. It is locked as it was switched on, unless it got its settings after that. */
+async function connect(connection, wanted = 'Alarm: locked') {
   await connection.connect();
-  await isState(connection.page, 'Alarm: locked');
+  await isState(connection.page, wanted);
 }
 
 module.exports = {

@@ -29,8 +29,12 @@ async function clickOn(element) {
 /** Waits until something can be pressed. */
 async function pressable(page, selector) {
   const wanted = `${selector}:not(:disabled)`;
-  await until(async () => await page.$(wanted) !== null, `${selector} can be pressed`, () => seen(page));
-  return page.$(wanted);
+  let found;
+  await until(async () => {
+    found = await page.$(wanted);
+    return found !== null;
+  }, `${selector} can be pressed`, () => seen(page));
+  return found;
 }
 
 const click = async (page, selector) => clickOn(await pressable(page, selector));

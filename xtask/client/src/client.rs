@@ -293,6 +293,7 @@ impl Client {
         self.are_modes_old = true;
         self.state.reference_mm = None;
         self.forget_homing();
+        self.answers = AnswerSync::Unknown;
         self.lose_answers();
         self.output.clear();
     }

@@ -509,6 +509,33 @@ fn answers_after_an_alarm_are_of_no_line_that_comes_later() {
 }
 
 #[test]
+fn a_machine_that_waits_for_a_reset_is_asked_nothing_before() {
+    let mut operated = OperatedMachine::new(&["$110=3000", "$120=500"]);
+    operated.touches = Some(|[x, ..]| (1.0..2.0).contains(&x) || x > 4.0);
+    assert_eq!(operated.ask("G91G21G38.2X5F600").1, "ok");
+    operated.touches = Some(|[x, ..]| x > 4.0);
+    // The move that leaves a contact may make another one.
+    for line in ["G1X1", "X5"] {
+        assert_eq!(operated.ask(line).1, "ok");
+    }
+    operated.await_state("Alarm");
+    operated.events.clear();
+    operated.run(20_000);
+    let is_sent = |event: &Event| matches!(event, Event::Line { is_sent: true, .. });
+    assert!(
+        !operated.events.iter().any(is_sent),
+        "{:?}",
+        operated.events
+    );
+    operated.touches = Some(|_| false);
+    operated.command(Command::Realtime {
+        byte: realtime::RESET,
+    });
+    operated.run(500);
+    assert_eq!(operated.ask("$X").1, "ok");
+}
+
+#[test]
 fn what_passes_between_page_and_client_is_json() {
     let command = Command::Move {
         press: PRESS,

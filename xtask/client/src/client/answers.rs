@@ -10,6 +10,8 @@ use crate::{Line, Response, meaning, realtime, sender::Received};
 
 /// The question: machines answer it in any state, with a line of its own.
 const QUESTION: &str = "$G";
+/// What a machine says that answers nothing until it is reset.
+const RESET_NEEDED: &str = "Reset to continue";
 /// Reports in which nothing else may come behind its answer.
 const SETTLED: u32 = 2;
 /// Reports after which it is asked again.
@@ -29,12 +31,16 @@ pub(super) enum AnswerSync {
     Settling(u32),
     /// It is: no answer to anything else is due.
     Known,
+    /// The machine answers nothing until it is reset.
+    Mute,
 }
 
 impl Client {
     /// Does not know any more to which lines answers belong: those that wait for one get none.
     pub(super) fn lose_answers(&mut self) {
-        self.answers = AnswerSync::Unknown;
+        if self.answers != AnswerSync::Mute {
+            self.answers = AnswerSync::Unknown;
+        }
         self.sender = crate::Sender::default();
         for asked in mem::take(&mut self.in_flight) {
             self.answer(asked, "");
@@ -63,10 +69,11 @@ impl Client {
 
     /// Takes a line while it is not known to which lines answers belong. Returns whether it is nobody's answer.
     fn settle(&mut self, line: &Line<'_>) -> bool {
-        use AnswerSync::{Answered, Asked, Known, Settling, Unknown};
+        use AnswerSync::{Answered, Asked, Known, Mute, Settling, Unknown};
         self.answers = match (self.answers, line) {
             (Known, _) => return false,
             (_, Line::Welcome) => Known,
+            (Mute, _) => Mute,
             (Asked(_), Line::Answer("GC", _)) => Answered,
             (Answered, Line::Response(_)) => Settling(0),
             // It is of a line of before: the answer was, too.
@@ -88,6 +95,9 @@ impl Client {
             text: text.into(),
         });
         let line = Line::read(text);
+        if line == Line::Message(RESET_NEEDED) {
+            self.answers = AnswerSync::Mute;
+        }
         let is_surplus = self.job.is_none() && self.settle(&line);
         match &line {
             Line::Report(report) => {
