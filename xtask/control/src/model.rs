@@ -76,13 +76,22 @@ pub struct Program {
     pub text: String,
 }
 
+/// A line of the program that is to be seen, also where it was before and is out of sight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GoTo {
+    /// Counted from 1.
+    pub line: usize,
+    /// The number of the request.
+    pub request: u32,
+}
+
 /// What the page knows.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Model {
     /// The program that is open.
     pub program: Option<Rc<Program>>,
-    /// The line of it that is to be seen, counted from 1.
-    pub go_to: Option<usize>,
+    /// The line of it that is to be seen.
+    pub go_to: Option<GoTo>,
     /// What it will do.
     pub check: Check,
     /// What else is known before it runs and while it does.
@@ -252,7 +261,10 @@ impl Model {
             Action::CheckReply(reply) => self.take_check(reply),
             Action::Permit(is_permitted) => self.plan.is_permitted = is_permitted,
             Action::Begin(line) => self.begin_job(line),
-            Action::GoTo(line) => self.go_to = Some(line),
+            Action::GoTo(line) => {
+                let request = self.go_to.map_or(0, |before| before.request + 1);
+                self.go_to = Some(GoTo { line, request });
+            }
             Action::Tick(passed_s) => self.tick(passed_s),
         }
     }
@@ -544,6 +556,16 @@ mod tests {
             );
         }
         assert!(model.note.is_empty() && model.welcome.starts_with("Grbl 0.9j"));
+    }
+
+    #[test]
+    fn a_line_is_to_be_seen_again_at_each_request() {
+        let mut model = Model::default();
+        model.act(Action::GoTo(7));
+        let first = model.go_to;
+        model.act(Action::GoTo(7));
+        assert_eq!(model.go_to.map(|it| it.line), Some(7));
+        assert_ne!(model.go_to, first);
     }
 
     #[test]

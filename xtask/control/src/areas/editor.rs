@@ -14,14 +14,14 @@ use std::{collections::BTreeSet, rc::Rc};
 
 use yew::prelude::*;
 
-use crate::model::Program;
+use crate::model::{GoTo, Program};
 use drawn::{code, gutter};
 use find::FindBar;
 use surface::Surface;
 
 /// What the editor is to show.
 #[derive(PartialEq, Properties)]
-pub struct EditorProps {
+pub struct EditorProperties {
     /// The program.
     pub program: Rc<Program>,
     /// The lines that the machine would refuse, from 1.
@@ -30,9 +30,9 @@ pub struct EditorProps {
     pub executed: Option<usize>,
     /// Nothing is edited.
     pub is_locked: bool,
-    /// A line to go to, from 1, when it changes.
+    /// A line to go to, at each new request.
     #[prop_or_default]
-    pub go_to: Option<usize>,
+    pub go_to: Option<GoTo>,
     /// Has the text when it has changed: a moment after the last key, and when the field is left.
     pub on_change: Callback<String>,
 }
@@ -55,7 +55,7 @@ fn refused_words(refused: &BTreeSet<usize>) -> String {
 
 /// Has the surface follow what it is to show.
 #[hook]
-fn use_contents(surface: &Surface, props: &EditorProps) {
+fn use_contents(surface: &Surface, props: &EditorProperties) {
     let shown = surface.clone();
     use_effect_with(props.program.clone(), move |program| {
         shown.load(&program.text);
@@ -63,8 +63,8 @@ fn use_contents(surface: &Surface, props: &EditorProps) {
     let shown = surface.clone();
     use_effect_with(props.executed, move |executed| shown.follow(*executed));
     let shown = surface.clone();
-    use_effect_with(props.go_to, move |line| {
-        if let Some(line) = line {
+    use_effect_with(props.go_to, move |go_to| {
+        if let Some(GoTo { line, .. }) = go_to {
             shown.go_to_line(*line);
         }
     });
@@ -79,7 +79,7 @@ fn use_contents(surface: &Surface, props: &EditorProps) {
 
 /// The editor.
 #[component]
-pub fn Editor(props: &EditorProps) -> Html {
+pub fn Editor(props: &EditorProperties) -> Html {
     let refresh = use_force_update();
     let (scroller, field, sheet) = (use_node_ref(), use_node_ref(), use_node_ref());
     let editing = use_mut_ref(surface::Editing::default);

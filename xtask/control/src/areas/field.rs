@@ -5,7 +5,7 @@ use yew::prelude::*;
 
 /// What a field has.
 #[derive(PartialEq, Properties)]
-pub struct FieldProps {
+pub struct FieldProperties {
     /// What the page finds it by.
     #[prop_or_default]
     pub id: Option<AttrValue>,
@@ -32,7 +32,7 @@ pub struct FieldProps {
 
 /// A field.
 #[component]
-pub fn Field(props: &FieldProps) -> Html {
+pub fn Field(props: &FieldProperties) -> Html {
     // The framework puts the value into the field each time that the page is drawn, ten times a second where a machine moves.
     let draft = use_state(|| None::<AttrValue>);
     let shown = draft.as_ref().unwrap_or(&props.value).clone();

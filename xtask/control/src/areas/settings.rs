@@ -96,7 +96,7 @@ fn text(values: &Values) -> String {
 
 /// A setting that can be changed.
 #[derive(PartialEq, Properties)]
-struct RowProps {
+struct RowProperties {
     description: Description,
     value: AttrValue,
     before: Option<AttrValue>,
@@ -126,7 +126,7 @@ fn summands(kind: &Kind) -> Vec<String> {
 }
 
 /// What helps to set a value, in a fold: the machine is asked when it is opened.
-fn help(props: &RowProps) -> Html {
+fn help(props: &RowProperties) -> Html {
     let summands = summands(&props.description.kind);
     if summands.is_empty() && props.question.is_none() {
         return Html::default();
@@ -151,7 +151,7 @@ fn help(props: &RowProps) -> Html {
 }
 
 #[component]
-fn Row(props: &RowProps) -> Html {
+fn Row(props: &RowProperties) -> Html {
     let fault = use_state(|| None::<String>);
     let Description {
         number,

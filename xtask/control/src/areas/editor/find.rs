@@ -10,7 +10,7 @@ use super::{
 
 /// What is to be found where.
 #[derive(PartialEq, Properties)]
-pub(super) struct FindProps {
+pub(super) struct FindProperties {
     pub(super) surface: Surface,
     /// How often the text is found.
     pub(super) count: Option<usize>,
@@ -30,7 +30,7 @@ fn count_words(count: Option<usize>, at: Option<usize>) -> String {
 
 /// The fields above a text.
 #[component]
-pub(super) fn FindBar(props: &FindProps) -> Html {
+pub(super) fn FindBar(props: &FindProperties) -> Html {
     let surface = &props.surface;
     let is_found = props.count.is_some_and(|count| count > 0);
     let typed = {
