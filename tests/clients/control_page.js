@@ -116,10 +116,11 @@ async function heldInManyWays(page, browser) {
 }
 
 async function wentToZero(page) {
+  const question = () => text(page, '.setup [role=alert]');
   await press(page, 'Go to zero');
-  check((await text(page, '.setup [role=alert]')).includes('not homed'), 'the operator is asked');
+  await until(async () => (await question()).includes('not homed'), 'the operator is asked', question);
   await press(page, 'Do not move');
-  check(await page.$('.setup [role=alert]') === null, 'nothing moves');
+  await until(async () => await question() === '', 'the question is gone', question);
   await press(page, 'Go to zero');
   await press(page, 'Move X and Y');
   await isAt(page, '0.000,0.000,0.000');
@@ -130,9 +131,11 @@ async function typed(page) {
   await page.keyboard.press('Enter');
   await until(() => page.$('#note'), 'the error is told', () => seen(page));
   check(/^G999 <b>: error 20, .*remove the word/.test(await text(page, '#note')), await text(page, '#note'));
+  const line = () => page.$eval('#line', (input) => input.value);
   await page.keyboard.press('ArrowUp');
-  check(await page.$eval('#line', (input) => input.value) === 'G999 <b>', 'the line comes back');
+  await until(async () => await line() === 'G999 <b>', 'the line comes back', line);
   await page.keyboard.press('ArrowDown');
+  await until(async () => await line() === '', 'the line goes again', line);
   await page.type('#line', 'F100');
   await page.keyboard.press('Enter');
   await until(async () => await page.$('#note') === null, 'the next line takes the error away', () => seen(page));
@@ -147,14 +150,14 @@ async function edited(page) {
   await page.keyboard.press('Enter');
   await page.keyboard.press('Escape');
   const selected = () => page.$eval('#text', (field) => field.value.slice(field.selectionStart, field.selectionEnd));
-  check(await selected() === 'X60', await selected());
+  await until(async () => await selected() === 'X60', 'what was found is selected', selected);
   await page.keyboard.type('X61\nF99');
   await until(async () => await text(page, '#program') === 'plate.nc, 91 lines', 'the change counts', () => text(page, '#program'));
   await page.keyboard.down('Control');
   await page.keyboard.press('z');
   await page.keyboard.up('Control');
   const lines = () => page.$$eval('.code pre > div', (found) => found.map((line) => line.textContent).join('\n'));
-  check(!(await lines()).includes('F99'), 'the last line is undone');
+  await until(async () => !(await lines()).includes('F99'), 'the last line is undone', lines);
 }
 
 async function ran(page) {
@@ -204,7 +207,8 @@ async function probed(page) {
   await page.select('#probe-target', 'top');
   await fill(page, '#probe-search', '150');
   await fill(page, '#probe-feed', '3000');
-  check((await text(page, '.probe .hint')).includes('Z -150.0 to +0.0'), 'the motion is told before');
+  const hint = () => text(page, '.probe .hint');
+  await until(async () => (await hint()).includes('Z -150.0 to +0.0'), 'the motion is told before', hint);
   check(await page.$eval('#probe', (button) => button.disabled), 'a probe that was not checked is not used');
   await click(page, '#probe-checked');
   await click(page, '#probe');

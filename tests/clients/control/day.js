@@ -9,7 +9,7 @@ const fs = require('fs');
 
 const { HOME, check, until } = require('../cncjs');
 const {
-  at, delay, enter, fill, isAt, isState, openFile, seen, text,
+  at, delay, enter, fill, isAt, isState, openFile, pressable, seen, text,
 } = require('./operator');
 
 const PROGRAM = `G21 G90 G17 G54
@@ -93,6 +93,7 @@ async function zeroed(page, hands, { hasBlock, feed }) {
   await approached(page, hands, [CORNER_MM - 5, CORNER_MM - 5, TOP_MM + 4], feed);
   await probed(page, hands, 'top', { search: 10, retract: 2, feed: slow }, `zero at machine Z${places(TOP_MM)}`);
   await page.select('#probe-target', 'corner');
+  await pressable(page, 'input[name=corner]');
   const corners = await page.$$('input[name=corner]');
   await corners.at(-1).evaluate((corner) => corner.click());
   const zero = CORNER_MM - DIAMETER_MM / 2;

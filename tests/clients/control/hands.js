@@ -4,23 +4,15 @@
 
 const { check, until } = require('../cncjs');
 const {
-  click, press, pressable, seen,
+  click, named, press, pressable, seen,
 } = require('./operator');
 
 /** Presses what has the focus. */
 async function pressByKey(page, element, what) {
-  check(element, `there is ${what}`);
   await until(() => element.evaluate((found) => found.matches(':enabled')), `${what} can be pressed`, () => seen(page));
   await element.focus();
   check(await element.evaluate((found) => document.activeElement === found && found.tabIndex >= 0), `${what} takes the focus`);
   await page.keyboard.press(await element.evaluate((found) => (found.tagName === 'INPUT' ? 'Space' : 'Enter')));
-}
-
-async function named(page, name) {
-  const found = await page.evaluateHandle((wanted) => [...document.querySelectorAll('button')].find(
-    (button) => (button.getAttribute('aria-label') ?? button.textContent) === wanted,
-  ), name);
-  return found.asElement();
 }
 
 const MOUSE = {

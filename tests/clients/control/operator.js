@@ -2,7 +2,7 @@
 
 'use strict';
 
-const { check, until } = require('../cncjs');
+const { until } = require('../cncjs');
 const { newPage } = require('../browser');
 
 const delay = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
@@ -26,27 +26,34 @@ async function clickOn(element) {
   await element.click();
 }
 
-/** Waits until something can be pressed. */
-async function pressable(page, selector) {
-  const wanted = `${selector}:not(:disabled)`;
-  let found;
+/** Waits for what `find` finds. */
+async function awaited(page, find, what) {
+  let element = null;
   await until(async () => {
-    found = await page.$(wanted);
-    return found !== null;
-  }, `${selector} can be pressed`, () => seen(page));
-  return found;
+    element = await find();
+    return element !== null;
+  }, what, () => seen(page));
+  return element;
 }
+
+/** Waits until something can be pressed. */
+const pressable = (page, selector) => awaited(page, () => page.$(`${selector}:not(:disabled)`), `${selector} can be pressed`);
+
+/** Waits for a button with a name. */
+const named = (page, name) => awaited(page, async () => {
+  const button = await page.evaluateHandle((wanted) => [...document.querySelectorAll('button')].find(
+    (one) => (one.getAttribute('aria-label') ?? one.textContent) === wanted,
+  ), name);
+  return button.asElement();
+}, `there is a button ${name}`);
 
 const click = async (page, selector) => clickOn(await pressable(page, selector));
 
 /** Presses a button by its name. */
 async function press(page, name) {
-  const found = await page.evaluateHandle((wanted) => [...document.querySelectorAll('button')].find(
-    (button) => (button.getAttribute('aria-label') ?? button.textContent) === wanted,
-  ), name);
-  check(found.asElement(), `there is a button ${name}`);
-  await until(() => found.evaluate((button) => !button.disabled), `${name} can be pressed`, () => seen(page));
-  await clickOn(found.asElement());
+  const button = await named(page, name);
+  await until(() => button.evaluate((it) => !it.disabled), `${name} can be pressed`, () => seen(page));
+  await clickOn(button);
 }
 
 const choose = (page, step) => click(page, `input[name=step][value="${step}"]`);
@@ -54,6 +61,7 @@ const jogs = (page) => page.$$eval('#log .sent code', (lines) => lines.filter((l
 
 /** Types a value in place of another one, and leaves the field. */
 async function fill(page, selector, value) {
+  await awaited(page, () => page.$(selector), `${selector} is there`);
   await page.$eval(selector, (field) => {
     const fold = field.closest('details');
     if (fold) fold.open = true;
@@ -97,6 +105,6 @@ async function openPage(browser, address, { width, height, scheme }, prepare = (
 }
 
 module.exports = {
-  at, choose, click, clickOn, delay, enter, fill, isAt, isState, jogs, openFile, openPage, press, pressable, seen,
+  at, choose, click, clickOn, delay, enter, fill, isAt, isState, jogs, named, openFile, openPage, press, pressable, seen,
   state, text,
 };
