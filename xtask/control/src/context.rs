@@ -10,7 +10,7 @@ use crate::{
     link::Link,
     model::{Action, Model},
     wire::Transport,
-    worker::Speed,
+    worker::TimeFactor,
 };
 
 /// What each area has.
@@ -64,9 +64,9 @@ impl PageContext {
     }
 
     /// Has the virtual machine go faster, or as fast as any other.
-    pub(crate) fn set_speed(&self, speed: Speed) {
-        self.model.dispatch(Action::Speed(speed));
-        self.link.set_speed(speed);
+    pub(crate) fn set_time_factor(&self, time_factor: TimeFactor) {
+        self.model.dispatch(Action::TimeFactor(time_factor));
+        self.link.set_time_factor(time_factor);
     }
 }
 

@@ -10,7 +10,7 @@ use yew::Callback;
 
 use crate::{
     wire::Transport,
-    worker::{Reply, Request, Speed},
+    worker::{Reply, Request, TimeFactor},
 };
 use program::ToProgram;
 pub(crate) use to_checker::ToChecker;
@@ -48,9 +48,9 @@ impl Link {
     }
 
     /// Has the virtual machine go faster.
-    pub fn set_speed(&self, speed: Speed) {
+    pub fn set_time_factor(&self, time_factor: TimeFactor) {
         if let Self::Worker(worker) = self {
-            worker.request(&Request::Speed(speed));
+            worker.request(&Request::TimeFactor(time_factor));
         }
     }
 

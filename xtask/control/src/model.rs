@@ -15,7 +15,7 @@ mod plan;
 
 use crate::{
     checker::CheckReply,
-    worker::{Control, Reply, Speed},
+    worker::{Control, Reply, TimeFactor},
 };
 pub(crate) use plan::QUESTIONS as JOB_QUESTIONS;
 pub use plan::{Check, CheckBasis, Checked, FoundEntry, PendingCheck, Plan, Purpose};
@@ -78,7 +78,7 @@ pub struct Program {
 
 /// A line of the program that is to be seen, also where it was before and is out of sight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct GoTo {
+pub struct LineToShow {
     /// Counted from 1.
     pub line: usize,
     /// The number of the request.
@@ -91,7 +91,7 @@ pub struct Model {
     /// The program that is open.
     pub program: Option<Rc<Program>>,
     /// The line of it that is to be seen.
-    pub go_to: Option<GoTo>,
+    pub go_to: Option<LineToShow>,
     /// What it will do.
     pub check: Check,
     /// What else is known before it runs and while it does.
@@ -105,7 +105,7 @@ pub struct Model {
     /// The machine, as its client knows it.
     pub machine: State,
     /// How fast it goes.
-    pub speed: Speed,
+    pub time_factor: TimeFactor,
     /// Who controls the machine, where the local program has it.
     pub control: Option<Control>,
     /// The console.
@@ -137,7 +137,7 @@ pub enum Action {
     /// The page has asked for a line to a machine.
     Opening,
     /// The virtual machine goes so fast.
-    Speed(Speed),
+    TimeFactor(TimeFactor),
     /// The page has sent a line with a number.
     Sent(u32, String),
     /// Status reports are to be in the console, or not.
@@ -153,7 +153,7 @@ pub enum Action {
     /// The machine is asked what the checker has to know.
     Ask(Purpose),
     /// The checker has been asked.
-    Inquire(Box<PendingCheck>),
+    BeginCheck(Box<PendingCheck>),
     /// The checker replies.
     CheckReply(CheckReply),
     /// The program is run all the same, or not.
@@ -240,7 +240,7 @@ impl Model {
                     ..Self::default()
                 }
             }
-            Action::Speed(speed) => self.speed = speed,
+            Action::TimeFactor(factor) => self.time_factor = factor,
             Action::Sent(number, text) => {
                 // What is asked before a job is no act of the operator.
                 if !JOB_QUESTIONS.contains(&text.as_str()) {
@@ -257,13 +257,13 @@ impl Model {
             }
             Action::TrustProbe(is_checked) => self.is_probe_checked = is_checked,
             Action::Ask(purpose) => self.ask(purpose),
-            Action::Inquire(inquiry) => self.begin_inquiry(*inquiry),
+            Action::BeginCheck(pending_check) => self.begin_check(*pending_check),
             Action::CheckReply(reply) => self.take_check(reply),
             Action::Permit(is_permitted) => self.plan.is_permitted = is_permitted,
             Action::Begin(line) => self.begin_job(line),
             Action::GoTo(line) => {
                 let request = self.go_to.map_or(0, |before| before.request + 1);
-                self.go_to = Some(GoTo { line, request });
+                self.go_to = Some(LineToShow { line, request });
             }
             Action::Tick(passed_s) => self.tick(passed_s),
         }

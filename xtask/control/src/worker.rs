@@ -14,8 +14,8 @@ use web_sys::{DedicatedWorkerGlobalScope, MessageEvent, WorkerGlobalScope};
 mod clock;
 
 use crate::wire::{self, Transport, Wire};
-use clock::Clock;
-pub use clock::Speed;
+use clock::ClientClock;
+pub use clock::TimeFactor;
 
 /// How often the client goes on, ms.
 const TICK_MS: u32 = 20;
@@ -26,7 +26,7 @@ pub enum Request {
     /// Opens a line, in place of any other.
     Connect(Transport),
     /// Has the virtual machine go faster, until another line is opened.
-    Speed(Speed),
+    TimeFactor(TimeFactor),
     /// Closes it. A jog ends before.
     Disconnect,
     /// For the client.
@@ -64,7 +64,7 @@ pub struct Control {
 pub struct Controller {
     client: Client,
     wire: Option<Box<dyn Wire>>,
-    clock: Clock,
+    clock: ClientClock,
     is_virtual: bool,
 }
 
@@ -75,7 +75,7 @@ impl Controller {
             Request::Connect(transport) => {
                 self.close();
                 self.client = Client::default();
-                self.clock = Clock::at(now_ms);
+                self.clock = ClientClock::at(now_ms);
                 self.is_virtual = transport == Transport::Virtual;
                 match wire::open(&transport, now_ms) {
                     Ok(wire) => {
@@ -85,10 +85,10 @@ impl Controller {
                     Err(reason) => vec![Reply::Disconnected(reason)],
                 }
             }
-            Request::Speed(speed) => {
+            Request::TimeFactor(time_factor) => {
                 // No other machine waits for a clock.
                 if self.is_virtual {
-                    self.clock.speed = speed;
+                    self.clock.time_factor = time_factor;
                 }
                 Vec::new()
             }
@@ -259,7 +259,7 @@ mod tests {
     fn the_virtual_machine_alone_goes_faster_and_its_client_with_it() {
         let mut controller = Controller::default();
         controller.request(Request::Connect(Transport::Virtual), 0);
-        controller.request(Request::Speed(Speed(20)), 0);
+        controller.request(Request::TimeFactor(TimeFactor(20)), 0);
         run(&mut controller, 0, 100);
         for (number, text) in ["$X", "G21G91G1X30F600"].into_iter().enumerate() {
             let text = text.into();
@@ -274,8 +274,8 @@ mod tests {
         );
         controller.wire = None;
         controller.is_virtual = false;
-        controller.request(Request::Speed(Speed(1)), 400);
-        assert_eq!(controller.clock.speed, Speed(20));
+        controller.request(Request::TimeFactor(TimeFactor(1)), 400);
+        assert_eq!(controller.clock.time_factor, TimeFactor(20));
     }
 
     #[test]

@@ -149,8 +149,10 @@ fn use_checker(context: &PageContext) {
     };
     let context = context.clone();
     use_effect(move || {
-        if let Some((inquiry, request)) = context.model.inquiry() {
-            context.model.dispatch(Action::Inquire(Box::new(inquiry)));
+        if let Some((pending_check, request)) = context.model.pending_check() {
+            context
+                .model
+                .dispatch(Action::BeginCheck(Box::new(pending_check)));
             checker.request(&request);
         }
     });

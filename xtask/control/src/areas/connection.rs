@@ -14,14 +14,14 @@ use crate::{
     context::{PageContext, use_page_context},
     model::{Connection, Model},
     wire::{Transport, choose_port, has_serial},
-    worker::Speed,
+    worker::TimeFactor,
 };
 use identity::{about, use_identity};
 
 /// The baud rates that machines have; the usual one first.
 const BAUDS: [u32; 5] = [115_200, 230_400, 460_800, 921_600, 1_000_000];
 /// How fast the virtual machine may go.
-const SPEEDS: [u32; 3] = [1, 5, 20];
+const TIME_FACTORS: [u32; 3] = [1, 5, 20];
 /// Where a controller with a WebSocket is by default.
 const ADDRESS: &str = "ws://fluidnc.local:81/";
 
@@ -34,7 +34,7 @@ struct ConnectionForm {
     kind: String,
     baud: u32,
     address: String,
-    speed: Speed,
+    time_factor: TimeFactor,
 }
 
 impl Default for ConnectionForm {
@@ -43,7 +43,7 @@ impl Default for ConnectionForm {
             kind: "virtual".into(),
             baud: BAUDS[0],
             address: ADDRESS.into(),
-            speed: Speed::default(),
+            time_factor: TimeFactor::default(),
         }
     }
 }
@@ -108,8 +108,8 @@ fn connect(context: PageContext, choice: ConnectionForm, wish: Rc<RefCell<Wish>>
         };
         let is_virtual = transport == Transport::Virtual;
         context.connect(transport);
-        let speed = is_virtual.then_some(choice.speed);
-        context.set_speed(speed.unwrap_or_default());
+        let time_factor = is_virtual.then_some(choice.time_factor);
+        context.set_time_factor(time_factor.unwrap_or_default());
     };
     match choice.kind.as_str() {
         "serial" => spawn_local(async move {
@@ -184,7 +184,7 @@ pub fn ConnectionArea() -> Html {
         <section class="connection" aria-label="Connection">
             <form onsubmit={submit}>
                 <fieldset disabled={!is_closed}>{ fields(&choice) }</fieldset>
-                if choice.kind == "virtual" { { speeds(&context, &choice) } }
+                if choice.kind == "virtual" { { time_factors(&context, &choice) } }
                 <button id="connect" class="main">{ label }</button>
             </form>
             { status }
@@ -195,22 +195,22 @@ pub fn ConnectionArea() -> Html {
 }
 
 /// How fast the virtual machine goes: also amid a job.
-fn speeds(context: &PageContext, choice: &UseStateHandle<ConnectionForm>) -> Html {
+fn time_factors(context: &PageContext, choice: &UseStateHandle<ConnectionForm>) -> Html {
     let change = {
         let (context, choice) = (context.clone(), choice.clone());
         Callback::from(move |event: Event| {
             let chosen = event.target_unchecked_into::<HtmlSelectElement>().value();
-            let speed = chosen.parse().map(Speed).unwrap_or_default();
-            context.set_speed(speed);
+            let time_factor = chosen.parse().map(TimeFactor).unwrap_or_default();
+            context.set_time_factor(time_factor);
             choice.set(ConnectionForm {
-                speed,
+                time_factor,
                 ..(*choice).clone()
             });
         })
     };
-    let options = SPEEDS.map(|times| {
+    let options = TIME_FACTORS.map(|times| {
         let text = if times == 1 { "real time".into() } else { format!("{times} times as fast") };
-        html! { <option value={times.to_string()} selected={choice.speed == Speed(times)}>{ text }</option> }
+        html! { <option value={times.to_string()} selected={choice.time_factor == TimeFactor(times)}>{ text }</option> }
     });
     html! { <label>{ "Speed " }<select id="speed" onchange={change}>{ for options }</select></label> }
 }

@@ -14,7 +14,7 @@ use std::{collections::BTreeSet, rc::Rc};
 
 use yew::prelude::*;
 
-use crate::model::{GoTo, Program};
+use crate::model::{LineToShow, Program};
 use drawn::{code, gutter};
 use find::FindBar;
 use surface::Surface;
@@ -32,7 +32,7 @@ pub struct EditorProperties {
     pub is_locked: bool,
     /// A line to go to, at each new request.
     #[prop_or_default]
-    pub go_to: Option<GoTo>,
+    pub go_to: Option<LineToShow>,
     /// Has the text when it has changed: a moment after the last key, and when the field is left.
     pub on_change: Callback<String>,
 }
@@ -64,7 +64,7 @@ fn use_contents(surface: &Surface, props: &EditorProperties) {
     use_effect_with(props.executed, move |executed| shown.follow(*executed));
     let shown = surface.clone();
     use_effect_with(props.go_to, move |go_to| {
-        if let Some(GoTo { line, .. }) = go_to {
+        if let Some(LineToShow { line, .. }) = go_to {
             shown.go_to_line(*line);
         }
     });

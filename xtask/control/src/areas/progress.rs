@@ -5,7 +5,7 @@ use gloo_timers::callback::Interval;
 use simulation::progress::Progress;
 use yew::prelude::*;
 
-use crate::{app::time_ms, context::use_page_context, model::Action, worker::Speed};
+use crate::{app::time_ms, context::use_page_context, model::Action, worker::TimeFactor};
 
 /// How often the clock goes on, ms.
 const TICK_MS: u32 = 250;
@@ -13,14 +13,19 @@ const TICK_MS: u32 = 250;
 const DAY_MS: u32 = 24 * 3600 * 1000;
 
 /// How far the job is, in words, at a time of day in ms.
-fn words(progress: &Progress, lines: usize, Speed(speed): Speed, now_ms: u32) -> String {
+fn words(
+    progress: &Progress,
+    lines: usize,
+    TimeFactor(time_factor): TimeFactor,
+    now_ms: u32,
+) -> String {
     let line = (progress.line + 1).min(lines);
     // Whole seconds, also below a minute.
     let left = match progress.left_s.round() {
         seconds if seconds < 60.0 => format!("{seconds} s"),
         seconds => duration(seconds),
     };
-    let left_ms = progress.left_s * 1000.0 / f64::from(speed);
+    let left_ms = progress.left_s * 1000.0 / f64::from(time_factor);
     let end_ms = (f64::from(now_ms) + left_ms) as u64 % u64::from(DAY_MS);
     let (hours, minutes) = (end_ms / 3_600_000, end_ms / 60_000 % 60);
     let about = if progress.is_estimated { "about " } else { "" };
@@ -53,7 +58,7 @@ pub fn JobProgress() -> Html {
     let progress = context.model.progress().filter(|_| is_running);
     html! {
         if let Some(progress) = progress {
-            <p id="left">{ words(progress, lines, context.model.speed, time_ms()) }</p>
+            <p id="left">{ words(progress, lines, context.model.time_factor, time_ms()) }</p>
         }
     }
 }
@@ -70,7 +75,7 @@ mod tests {
             is_estimated,
         };
         let late_ms = DAY_MS - 60_000;
-        for (progress, speed, now_ms, expected) in [
+        for (progress, time_factor, now_ms, expected) in [
             (
                 progress(2, 12.4, false),
                 1,
@@ -90,7 +95,10 @@ mod tests {
                 "line 6 of 6, 20 min 0 s left, ends at 00:01",
             ),
         ] {
-            assert_eq!(words(&progress, 6, Speed(speed), now_ms), expected);
+            assert_eq!(
+                words(&progress, 6, TimeFactor(time_factor), now_ms),
+                expected
+            );
         }
     }
 }

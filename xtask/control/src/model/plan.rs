@@ -154,7 +154,7 @@ pub struct FoundEntry {
 pub struct Plan {
     /// For what the machine is being asked.
     pub(crate) asked: Option<Purpose>,
-    inquiry: Option<PendingCheck>,
+    pending_check: Option<PendingCheck>,
     /// The job is to begin, and has not yet.
     pub(super) is_beginning: bool,
     /// The operator runs the program all the same.
@@ -221,7 +221,7 @@ impl Model {
 
     /// Whether the machine or the checker is at work for the page.
     pub fn is_checking(&self) -> bool {
-        self.plan.asked.is_some() || self.plan.inquiry.is_some()
+        self.plan.asked.is_some() || self.plan.pending_check.is_some()
     }
 
     /// Where the program may begin at the machine as it is now, or why nowhere.
@@ -262,7 +262,7 @@ impl Model {
         } else {
             self.plan.entry = None;
         }
-        self.plan.inquiry = None;
+        self.plan.pending_check = None;
         self.plan.asked = Some(purpose);
     }
 
@@ -318,7 +318,7 @@ impl Model {
     }
 
     /// The next request to the checker, when everything is known for it.
-    pub(crate) fn inquiry(&self) -> Option<(PendingCheck, CheckRequest)> {
+    pub(crate) fn pending_check(&self) -> Option<(PendingCheck, CheckRequest)> {
         let is_virtual = !self.is_there();
         let (purpose, machine) = match self.plan.asked {
             Some(purpose) if is_virtual => (purpose, None),
@@ -352,27 +352,27 @@ impl Model {
                 subject,
             },
         };
-        let inquiry = PendingCheck {
+        let pending_check = PendingCheck {
             purpose,
             program,
             machine,
             basis: CheckBasis::of(self),
         };
-        Some((inquiry, request))
+        Some((pending_check, request))
     }
 
     /// The checker has been asked.
-    pub(super) fn begin_inquiry(&mut self, inquiry: PendingCheck) {
+    pub(super) fn begin_check(&mut self, pending_check: PendingCheck) {
         self.plan.asked = None;
         self.plan.is_stop_unknown = false;
-        self.plan.inquiry = Some(inquiry);
+        self.plan.pending_check = Some(pending_check);
     }
 
     /// There will be no reply.
     pub(super) fn fail_check(&mut self, reason: String) {
         let asked = self.plan.asked.take();
-        let inquiry = self.plan.inquiry.take();
-        match asked.or(inquiry.map(|inquiry| inquiry.purpose)) {
+        let pending_check = self.plan.pending_check.take();
+        match asked.or(pending_check.map(|pending_check| pending_check.purpose)) {
             Some(Purpose::Check) => self.check = Check::Failed(reason),
             Some(Purpose::Enter(_)) => self.plan.entry = Some(Err(reason)),
             Some(Purpose::FindStop) | None => {}
@@ -389,11 +389,11 @@ impl Model {
             }
             CheckReply::Failed(reason) => self.fail_check(reason),
             CheckReply::Findings(mut findings) => {
-                if let Some(inquiry) = self.plan.inquiry.take() {
+                if let Some(pending_check) = self.plan.pending_check.take() {
                     self.check = Check::Done(Rc::new(Checked {
-                        program: inquiry.program,
-                        machine: inquiry.machine,
-                        basis: inquiry.basis,
+                        program: pending_check.program,
+                        machine: pending_check.machine,
+                        basis: pending_check.basis,
                         view: std::mem::take(&mut findings.view).into(),
                         findings: *findings,
                     }));
@@ -405,7 +405,7 @@ impl Model {
                     program,
                     basis,
                     ..
-                }) = self.plan.inquiry.take()
+                }) = self.plan.pending_check.take()
                 {
                     let found = FoundEntry {
                         program,
@@ -417,7 +417,7 @@ impl Model {
                 }
             }
             CheckReply::StoppedIn(line) => {
-                self.plan.inquiry = None;
+                self.plan.pending_check = None;
                 self.stop_in(line - 1);
             }
         }
@@ -496,7 +496,7 @@ impl Model {
 
     /// Some time has passed, s.
     pub(super) fn tick(&mut self, passed_s: f64) {
-        let passed_s = passed_s * f64::from(self.speed.0);
+        let passed_s = passed_s * f64::from(self.time_factor.0);
         let Some(job) = self.machine.job.as_ref().filter(|job| job.is_running) else {
             self.plan.clock = None;
             return;

@@ -51,7 +51,10 @@ fn model() -> Model {
 /// Asks the machine, answers as it would, and has the checker reply.
 fn find(model: &mut Model, purpose: Purpose) {
     model.act(Action::Ask(purpose));
-    assert!(model.inquiry().is_none(), "nothing is known of the machine");
+    assert!(
+        model.pending_check().is_none(),
+        "nothing is known of the machine"
+    );
     let questions: Vec<_> = model.questions().collect();
     for (number, question) in (1..).zip(questions) {
         model.act(Action::Sent(number, question.into()));
@@ -74,9 +77,9 @@ fn find(model: &mut Model, purpose: Purpose) {
 }
 
 fn answer(model: &mut Model) {
-    let (inquiry, request) = model.inquiry().expect("everything is known");
-    model.act(Action::Inquire(Box::new(inquiry)));
-    assert!(model.is_checking() && model.inquiry().is_none());
+    let (pending_check, request) = model.pending_check().expect("everything is known");
+    model.act(Action::BeginCheck(Box::new(pending_check)));
+    assert!(model.is_checking() && model.pending_check().is_none());
     model.act(Action::CheckReply(reply(&request, |_| ())));
     assert!(!model.is_checking());
 }
@@ -110,7 +113,7 @@ fn a_machine_that_goes_while_it_is_asked_ends_the_check() {
         0,
     ));
     assert_eq!(model.check, Check::Failed("the machine is gone".into()));
-    assert!(model.inquiry().is_none());
+    assert!(model.pending_check().is_none());
 }
 
 #[test]
@@ -195,7 +198,7 @@ fn a_tool_that_was_measured_amid_the_job_is_changed_again() {
     model.answers.insert("$#".into(), Rc::default());
     model.answers.insert("$TT".into(), Rc::default());
     model.answers.insert("$G".into(), Rc::default());
-    let request = model.inquiry().unwrap().1;
+    let request = model.pending_check().unwrap().1;
     assert!(matches!(
         request,
         CheckRequest::Enter {
