@@ -9,7 +9,7 @@ const fs = require('fs');
 
 const { HOME, check, until } = require('../cncjs');
 const {
-  at, delay, enter, fill, isAt, isState, openFile, pressable, seen, text,
+  at, delay, enter, fill, isAt, isState, openFile, pressable, seen, state, text,
 } = require('./operator');
 
 const PROGRAM = `G21 G90 G17 G54
@@ -146,7 +146,13 @@ async function jogged(page, hands) {
 
 /** In the second tool, the job is stopped. */
 async function stopped(page, hands) {
-  await hands.click(page, '#resume');
+  // Right after a jog the page asks to wait for the end of the motion.
+  await until(async () => {
+    if (await state(page) !== 'Change of the tool') return true;
+    await hands.click(page, '#resume');
+    await delay(500);
+    return false;
+  }, 'the job goes on', () => job(page));
   const isCutting = async () => {
     const [x, , z] = (await at(page)).split(',');
     return z === '-1.000' && parseFloat(x) > 8;
