@@ -5,12 +5,14 @@ use crate::units::{TICKS_PER_MS, TICKS_PER_US};
 /// Bounds the motion queued ahead below which `prepare` makes another segment before anything else,
 /// ticks. `prepare` looks as each segment begins, and `inputs` twice in a millisecond: what remains then is for one other
 /// job and the next segment, which `cargo xtask schedule` proves. A feed hold waits for the motion queued and one more
-/// segment: 4.5 ms.
+/// segment: 4.5 ms, and 5 ms where few steps fall.
 pub const QUEUED_AHEAD_TICKS: u32 = 3 * TICKS_PER_MS;
 /// Length of a segment of a long motion, ticks.
 pub const SEGMENT_TICKS: u32 = TICKS_PER_MS;
 /// Longest segment, ticks.
 pub const MAX_SEGMENT_TICKS: u32 = 3 * TICKS_PER_MS / 2;
+/// Longest segment where few steps fall, ticks: no more than at the greatest step rate in [`MAX_SEGMENT_TICKS`].
+pub const SPARSE_SEGMENT_TICKS: u32 = 2 * TICKS_PER_MS;
 /// Shortest time between two events, ticks: 1.5 µs, longer than the response time of the step
 /// interrupt by `cargo xtask schedule`. A power of two, as times are divided by it.
 pub const EVENT_SPACING_TICKS: u32 = 128;

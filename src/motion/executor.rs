@@ -6,7 +6,8 @@
 //! [`jerk_limited`](super::jerk_limited).
 //!
 //! Segments cost time to make. A section of 1.5 ms is one segment; each segment of a longer section takes 0.75 ms at
-//! least, and all but the last two 1 ms. None takes more than 1.5 ms.
+//! least, and all but the last two 1 ms. None takes more than 1.5 ms. On lines on which few steps fall they take longer, as
+//! what they cost does not depend on their length: see [`Executor::set_step_rate`].
 //!
 //! # Cost
 //!
@@ -15,7 +16,7 @@
 
 use super::{
     kinematics::{BlockGeometry, Direction, axis_speeds, displacement_at, phase_at},
-    limits::TICKS_PER_S,
+    limits::{LEAST_SPARSE_RAMP_S, SPARSE_STRETCH, TICKS_PER_S},
     pass::PassProgress,
 };
 #[cfg(arc_machine)]
@@ -24,7 +25,7 @@ use crate::{
     axis::{AXES, Axes},
     math::{self, WHOLE_Q31},
     model::{Laser, Power},
-    path::{Block, Curve, Shape, SpatialArc},
+    path::{Block, Curve, MoveKind, Shape, SpatialArc},
     stepper::{AxisMotion, Segment},
     units::FineSteps,
 };
@@ -109,6 +110,10 @@ pub(super) struct Executor {
     pub(super) may_exceed_plan: bool,
     /// The reference motion or its mean has not ended, with the jerk-limited profile.
     pub(super) average_moves: bool,
+    /// Greatest rate at which few steps fall, steps of all axes together per second.
+    sparse_steps_per_s: f32,
+    /// The speed of the block up to which few steps fall, mm/s: 0 where segments must not be longer.
+    sparse_mm_s: f32,
     /// What the laser does in the last segment.
     pub(super) laser: Laser,
     /// Mean speed of the last segment as a part of the programmed one.
@@ -131,6 +136,8 @@ impl Executor {
             is_within_section: false,
             may_exceed_plan: false,
             average_moves: false,
+            sparse_steps_per_s: 0.0,
+            sparse_mm_s: 0.0,
             laser: Laser::None,
             speed_share: 0.0,
         }
@@ -183,6 +190,37 @@ impl Executor {
         self.average_moves = false;
     }
 
+    /// Sets the greatest step rate of all axes together, Hz. Without it no segment is longer than 1.5 ms.
+    pub(super) const fn set_step_rate(&mut self, hz: u32) {
+        self.sparse_steps_per_s = hz as f32 / SPARSE_STRETCH;
+    }
+
+    /// Returns how much longer segments of the block are, as few steps fall; not where its speed is reached in a few
+    /// segments, as a ramp begins and ends with one.
+    #[inline]
+    pub(super) fn stretch(&self, block: &Block) -> f32 {
+        let is_sparse = math::max(block.nominal_mm_s, self.speed_mm_s) < self.sparse_mm_s;
+        let ramps_slowly = block.acceleration_mm_s2 * LEAST_SPARSE_RAMP_S < block.nominal_mm_s;
+        if is_sparse && ramps_slowly && !self.may_exceed_plan {
+            SPARSE_STRETCH
+        } else {
+            1.0
+        }
+    }
+
+    /// Returns the speed of a block up to which few steps fall, mm/s: 0 on arcs, and where something waits for a
+    /// segment to end, as the power of a laser, a probing move or a jog.
+    #[inline]
+    fn sparse_mm_s(&self, geometry: BlockGeometry<'_>) -> f32 {
+        let block = geometry.block;
+        let is_urgent = matches!(block.kind, MoveKind::Fixed | MoveKind::Jog);
+        if geometry.curve.is_some() || is_urgent || block.laser != Laser::None {
+            return 0.0;
+        }
+        let per_mm: f32 = block.steps_per_mm.iter().map(|steps| steps.abs()).sum();
+        self.sparse_steps_per_s / per_mm
+    }
+
     /// Begins a block.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "compiled for lines and for arcs")]
@@ -192,6 +230,7 @@ impl Executor {
         self.remaining = WHOLE_Q31;
         self.carry = 0.0;
         self.start = *position;
+        self.sparse_mm_s = self.sparse_mm_s(geometry);
         if let Some(curve) = geometry.curve {
             self.phase = curve.phase;
             self.from_centre = Direction::at(curve.phase);

@@ -1,7 +1,7 @@
 //! Durations of segments and sections, and the numbers that stand for no limit and for nothing.
 
 use crate::{
-    model::timing::{MAX_SEGMENT_TICKS, SEGMENT_TICKS},
+    model::timing::{MAX_SEGMENT_TICKS, SEGMENT_TICKS, SPARSE_SEGMENT_TICKS},
     units::TICKS_PER_SECOND,
 };
 
@@ -32,11 +32,22 @@ pub(super) const NO_ACCELERATION_LIMIT_MM_S2: f32 = 1.0e12;
 /// Stands for a speed of 0 in a divisor, mm/s: far below the slowest.
 pub(super) const MIN_DIVISOR_MM_S: f32 = 1.0e-20;
 
+/// How much longer segments are where few steps fall.
+pub(super) const SPARSE_STRETCH: f32 = SPARSE_SEGMENT_TICKS as f32 / MAX_SEGMENT_TICKS as f32;
+/// Shortest ramp from standstill to the speed of a block on which segments are longer, s.
+pub(super) const LEAST_SPARSE_RAMP_S: f32 = 4.0 * SPARSE_STRETCH * LONGEST_SEGMENT_S;
+
 /// The share of a duration that the next segment takes: the remainder is long enough for another.
 pub(super) fn segment_share_s(seconds: f32) -> f32 {
-    if seconds < NOMINAL_SEGMENT_S + LONGEST_SEGMENT_S {
+    stretched_share_s(seconds, 1.0)
+}
+
+/// The same where segments are longer by a factor.
+#[inline]
+pub(super) fn stretched_share_s(seconds: f32, stretch: f32) -> f32 {
+    if seconds < (NOMINAL_SEGMENT_S + LONGEST_SEGMENT_S) * stretch {
         0.5 * seconds
     } else {
-        NOMINAL_SEGMENT_S
+        NOMINAL_SEGMENT_S * stretch
     }
 }

@@ -279,6 +279,7 @@ impl Motion {
         self.average.configure(window);
         self.plan.set_window(window);
         self.plan.set_step_rate(settings.step_rate.hz());
+        self.executor.set_step_rate(settings.step_rate.hz());
         self.generator.set_pulse_us(settings.step_pulse_us);
         self.accessories.configure(settings);
         self.homing.configure(settings);

@@ -24,7 +24,7 @@ use super::{
     kinematics::BlockGeometry,
     limits::{
         FIRST_SEGMENT_S, LONGEST_SEGMENT_S, MIN_DIVISOR_MM_S, MIN_SECTION_S, NOMINAL_SEGMENT_S,
-        SHORTEST_SEGMENT_S, SPEED_TOLERANCE, segment_share_s,
+        SHORTEST_SEGMENT_S, SPEED_TOLERANCE, segment_share_s, stretched_share_s,
     },
     pass::Pass,
     queue::{BLOCKS, BlockQueue},
@@ -298,17 +298,18 @@ impl Executor {
         let speed = self.speed_mm_s;
         let measure = geometry.measure(speed * speed);
         let change = geometry.measure_per_mm() * section.length_mm;
+        let stretch = self.stretch(geometry.block);
         if geometry.curve.is_none()
-            && let Some(profile) = self.far_profile(geometry, section, change)
+            && let Some(profile) = self.far_profile(geometry, section, change, stretch)
         {
             debug_assert_eq!(
                 profile,
-                self.braking_profile(geometry, section, measure, change),
+                self.braking_profile(geometry, section, (measure, change), stretch),
                 "a short cut that leads elsewhere"
             );
             return profile;
         }
-        self.braking_profile(geometry, section, measure, change)
+        self.braking_profile(geometry, section, (measure, change), stretch)
     }
 
     /// The same wherever the section ends.
@@ -318,8 +319,8 @@ impl Executor {
         &mut self,
         geometry: BlockGeometry<'_>,
         section: &MonotonicSection,
-        measure: f32,
-        change: f32,
+        (measure, change): (f32, f32),
+        stretch: f32,
     ) -> SegmentProfile {
         let block = geometry.block;
         let speed = self.speed_mm_s;
@@ -334,13 +335,13 @@ impl Executor {
         let end_speed = math::sqrt(geometry.speed_sqr(end));
         let end_speed = math::min(end_speed, math::max(block.nominal_mm_s, speed));
         let double_mm = 2.0 * section.length_mm;
-        if double_mm <= LONGEST_SEGMENT_S * (speed + end_speed) {
-            return self.last_profile(section, end_speed);
+        if double_mm <= LONGEST_SEGMENT_S * stretch * (speed + end_speed) {
+            return self.last_profile(section, end_speed, stretch);
         }
         let seconds = if speed <= 0.0 {
             FIRST_SEGMENT_S
         } else {
-            segment_share_s(double_mm / (speed + end_speed))
+            stretched_share_s(double_mm / (speed + end_speed), stretch)
         };
         let gain = tangential_acceleration(geometry, speed) * seconds;
         // The speed at which braking begins: v² = e² - 2·(v0 + v)/2·gain, with e² as it could be here.
@@ -356,7 +357,7 @@ impl Executor {
         let reached = math::max(reached, math::max(speed - gain, 0.0));
         let length_mm = 0.5 * (speed + reached) * seconds;
         if length_mm >= section.length_mm {
-            return self.last_profile(section, end_speed);
+            return self.last_profile(section, end_speed, stretch);
         }
         if geometry.curve.is_some() {
             return self.arc_profile(geometry, section, measure, length_mm, reached);
@@ -377,14 +378,16 @@ impl Executor {
         geometry: BlockGeometry<'_>,
         section: &MonotonicSection,
         change: f32,
+        stretch: f32,
     ) -> Option<SegmentProfile> {
         let (speed, block) = (self.speed_mm_s, geometry.block);
         let most = math::max(block.nominal_mm_s, speed);
-        let is_far = 2.0 * section.length_mm >= FAR_FROM_END_S * (speed + most);
+        let is_far = 2.0 * section.length_mm >= FAR_FROM_END_S * stretch * (speed + most);
+        let seconds = NOMINAL_SEGMENT_S * stretch;
         if self.may_exceed_plan || speed <= 0.0 || !is_far {
             return None;
         }
-        let gain = block.acceleration_mm_s2 * NOMINAL_SEGMENT_S;
+        let gain = block.acceleration_mm_s2 * seconds;
         let top = math::min(speed + gain, block.nominal_mm_s);
         let room = section.exit_measure + change - gain * speed;
         if room < top * (top + gain) * BRAKING_RESERVE {
@@ -392,9 +395,9 @@ impl Executor {
         }
         let reached = math::max(top, math::max(speed - gain, 0.0));
         Some(SegmentProfile {
-            length_mm: 0.5 * (speed + reached) * NOMINAL_SEGMENT_S,
+            length_mm: 0.5 * (speed + reached) * seconds,
             speed_mm_s: reached,
-            seconds: NOMINAL_SEGMENT_S,
+            seconds,
             ends_section: false,
         })
     }
@@ -402,7 +405,12 @@ impl Executor {
     /// The last segment of a section, with `speed_mm_s` at its end at most. From a standstill, and
     /// behind other segments of the section, it is no shorter than such segments have to be.
     #[inline]
-    fn last_profile(&self, section: &MonotonicSection, speed_mm_s: f32) -> SegmentProfile {
+    fn last_profile(
+        &self,
+        section: &MonotonicSection,
+        speed_mm_s: f32,
+        stretch: f32,
+    ) -> SegmentProfile {
         let speed = self.speed_mm_s;
         let double_mm = 2.0 * section.length_mm;
         let mut end_speed = speed_mm_s;
@@ -415,7 +423,7 @@ impl Executor {
         SegmentProfile {
             length_mm: section.length_mm,
             speed_mm_s: end_speed,
-            seconds: duration_s(double_mm, speed + end_speed),
+            seconds: duration_s(double_mm, speed + end_speed, LONGEST_SEGMENT_S * stretch),
             ends_section: true,
         }
     }
@@ -439,7 +447,11 @@ impl Executor {
         SegmentProfile {
             length_mm,
             speed_mm_s,
-            seconds: duration_s(2.0 * length_mm, self.speed_mm_s + speed_mm_s),
+            seconds: duration_s(
+                2.0 * length_mm,
+                self.speed_mm_s + speed_mm_s,
+                LONGEST_SEGMENT_S,
+            ),
             ends_section: false,
         }
     }
@@ -482,19 +494,16 @@ impl Executor {
         SegmentProfile {
             length_mm,
             speed_mm_s,
-            seconds: duration_s(2.0 * length_mm, speed + speed_mm_s),
+            seconds: duration_s(2.0 * length_mm, speed + speed_mm_s, LONGEST_SEGMENT_S),
             ends_section: false,
         }
     }
 }
 
 /// The duration of a segment of half of `double_mm` between two speeds with the sum `sum_mm_s`; no
-/// more than the longest segment's.
-fn duration_s(double_mm: f32, sum_mm_s: f32) -> f32 {
-    math::min(
-        double_mm / math::max(sum_mm_s, MIN_DIVISOR_MM_S),
-        LONGEST_SEGMENT_S,
-    )
+/// more than that of the longest segment.
+fn duration_s(double_mm: f32, sum_mm_s: f32, longest_s: f32) -> f32 {
+    math::min(double_mm / math::max(sum_mm_s, MIN_DIVISOR_MM_S), longest_s)
 }
 
 /// Acceleration along the path that the block's limits leave at a speed, mm/s²: never 0.

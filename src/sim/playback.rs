@@ -7,7 +7,7 @@ use heapless::Deque;
 
 use crate::{
     axis::{AXES, Axes},
-    model::{State, queues::SEGMENT_RING, timing::MAX_SEGMENT_TICKS},
+    model::{State, queues::SEGMENT_RING, timing::SPARSE_SEGMENT_TICKS},
     motion::Motion,
     path::MoveKind,
     stepper::SegmentRing,
@@ -17,7 +17,7 @@ use crate::{
 /// Segments that have begun and not been taken, at most.
 const KEPT: usize = 4;
 /// How far the first event of a segment may be from its start, ticks: the longest segment.
-const NEAR_TICKS: u64 = MAX_SEGMENT_TICKS as u64;
+const NEAR_TICKS: u64 = SPARSE_SEGMENT_TICKS as u64;
 
 /// What a segment is a part of.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -13,7 +13,7 @@ use crate::{
         compiler_fence,
     },
     axis::{AXES, Axes},
-    model::{queues::SEGMENT_RING, timing::MAX_SEGMENT_TICKS},
+    model::{queues::SEGMENT_RING, timing::SPARSE_SEGMENT_TICKS},
 };
 
 /// A segment in the ring.
@@ -198,7 +198,7 @@ impl SegmentRing {
         let elapsed = now_ticks
             .wrapping_sub(self.begin_ticks.load(Relaxed))
             .cast_signed();
-        elapsed.clamp(0, MAX_SEGMENT_TICKS.cast_signed()) as u32
+        elapsed.clamp(0, SPARSE_SEGMENT_TICKS.cast_signed()) as u32
     }
 
     /// Sets when the next segment is due, on the generator's clock; for `prepare` alone.

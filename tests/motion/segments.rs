@@ -7,7 +7,7 @@ use leadscrew::{
     axis::{AXES, Axes},
     model::{
         Command, Plane, Rotation,
-        timing::{EVENT_SPACING_TICKS, MAX_SEGMENT_TICKS},
+        timing::{EVENT_SPACING_TICKS, MAX_SEGMENT_TICKS, SPARSE_SEGMENT_TICKS},
     },
     motion::{MEAN_SEGMENT_US, STEPS_PER_SEGMENT},
     settings::{Settings, StepRate},
@@ -24,12 +24,15 @@ const JERK_LIMITED_EXTRA_SEGMENTS: u32 = 2;
 const EXTRA_SEGMENTS: f64 = 2.0;
 /// `longest_segment` there: with a standstill that comes and goes in the same step.
 const LONGEST_TICKS: u32 = MAX_SEGMENT_TICKS + EVENT_SPACING_TICKS;
+/// `longest_sparse_segment` there.
+const LONGEST_SPARSE_TICKS: u32 = SPARSE_SEGMENT_TICKS + EVENT_SPACING_TICKS;
 
 #[test]
 fn the_proof_counts_on_the_durations_of_segments_that_are_tested_here() {
     let proof = include_str!("../../schedule.toml");
     for formula in [
         "longest_segment = \"MAX_SEGMENT_TICKS * 1ticks + event_spacing\"",
+        "longest_sparse_segment = \"SPARSE_SEGMENT_TICKS * 1ticks + event_spacing\"",
         "segment = \"MEAN_SEGMENT_US * 1us\"",
         "jerk_limited_segment = \"MAX_SEGMENT_TICKS * 1ticks / 2\"",
         "extra_segments = 3",
@@ -48,11 +51,24 @@ fn check(segments: &[Begin], step_rate: StepRate) -> Result<(), TestCaseError> {
     let mut level = 0.0_f64;
     for pair in segments.windows(2) {
         let ticks = pair[1].ticks.wrapping_sub(pair[0].ticks);
-        prop_assert!(ticks <= LONGEST_TICKS, "{ticks} at {}", pair[0].ticks);
+        prop_assert!(
+            ticks <= LONGEST_SPARSE_TICKS,
+            "{ticks} at {}",
+            pair[0].ticks
+        );
+        let steps = f64::from(pair[1].steps - pair[0].steps);
+        // `segment_steps` there: each axis may round up.
+        let most = steps_per_tick * f64::from(LONGEST_TICKS.min(ticks)) + AXES as f64;
+        let is_sparse = ticks > LONGEST_TICKS;
+        prop_assert!(
+            !is_sparse || steps <= most,
+            "{steps} steps at {}",
+            pair[0].ticks
+        );
         // Rounded to ticks.
         let ticks = f64::from(ticks + 1);
         // Of a stretch of time as a whole: more steps than that in a segment count, too.
-        let left_out = steps_per_tick * ticks - f64::from(pair[1].steps - pair[0].steps);
+        let left_out = steps_per_tick * ticks - steps;
         let instead = left_out / f64::from(STEPS_PER_SEGMENT);
         level = (level + 1.0 - ticks / f64::from(MEAN_TICKS) - instead).max(0.0);
         // Each axis may make a step more.

@@ -104,7 +104,7 @@ fn the_next_segment_is_due_when_so_much_of_the_played_one_has_been_played() {
         (0, 0),
         (999, 999),
         (1_000, 1_000),
-        (u32::MAX / 4, MAX_SEGMENT_TICKS),
+        (u32::MAX / 4, SPARSE_SEGMENT_TICKS),
     ] {
         let now = began.wrapping_add(after);
         assert_eq!(segments.elapsed_ticks(now), elapsed);
