@@ -16,7 +16,7 @@
 
 use super::{
     kinematics::{BlockGeometry, Direction, axis_speeds, displacement_at, phase_at},
-    limits::{LEAST_SPARSE_RAMP_S, SPARSE_STRETCH, TICKS_PER_S},
+    limits::{LEAST_SPARSE_RAMP_S, SPARSE_SHARE, SegmentTimes, TICKS_PER_S},
     pass::PassProgress,
 };
 #[cfg(arc_machine)]
@@ -192,19 +192,19 @@ impl Executor {
 
     /// Sets the greatest step rate of all axes together, Hz. Without it no segment is longer than 1.5 ms.
     pub(super) const fn set_step_rate(&mut self, hz: u32) {
-        self.sparse_steps_per_s = hz as f32 / SPARSE_STRETCH;
+        self.sparse_steps_per_s = hz as f32 * SPARSE_SHARE;
     }
 
-    /// Returns how much longer segments of the block are, as few steps fall; not where its speed is reached in a few
+    /// Returns how long segments of the block are: longer, as few steps fall; not where its speed is reached in a few
     /// segments, as a ramp begins and ends with one.
     #[inline]
-    pub(super) fn stretch(&self, block: &Block) -> f32 {
+    pub(super) fn segment_times(&self, block: &Block) -> SegmentTimes {
         let is_sparse = math::max(block.nominal_mm_s, self.speed_mm_s) < self.sparse_mm_s;
         let ramps_slowly = block.acceleration_mm_s2 * LEAST_SPARSE_RAMP_S < block.nominal_mm_s;
         if is_sparse && ramps_slowly && !self.may_exceed_plan {
-            SPARSE_STRETCH
+            SegmentTimes::SPARSE
         } else {
-            1.0
+            SegmentTimes::REGULAR
         }
     }
 

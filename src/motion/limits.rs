@@ -32,22 +32,46 @@ pub(super) const NO_ACCELERATION_LIMIT_MM_S2: f32 = 1.0e12;
 /// Stands for a speed of 0 in a divisor, mm/s: far below the slowest.
 pub(super) const MIN_DIVISOR_MM_S: f32 = 1.0e-20;
 
-/// How much longer segments are where few steps fall.
-pub(super) const SPARSE_STRETCH: f32 = SPARSE_SEGMENT_TICKS as f32 / MAX_SEGMENT_TICKS as f32;
+/// The longest segment where few steps fall, s.
+const SPARSE_SEGMENT_S: f32 = SPARSE_SEGMENT_TICKS as f32 / TICKS_PER_S;
+/// The share of the greatest step rate at which few steps fall.
+pub(super) const SPARSE_SHARE: f32 = MAX_SEGMENT_TICKS as f32 / SPARSE_SEGMENT_TICKS as f32;
 /// Shortest ramp from standstill to the speed of a block on which segments are longer, s.
-pub(super) const LEAST_SPARSE_RAMP_S: f32 = 4.0 * SPARSE_STRETCH * LONGEST_SEGMENT_S;
+pub(super) const LEAST_SPARSE_RAMP_S: f32 = 4.0 * SPARSE_SEGMENT_S;
 
 /// The share of a duration that the next segment takes: the remainder is long enough for another.
 pub(super) fn segment_share_s(seconds: f32) -> f32 {
-    stretched_share_s(seconds, 1.0)
+    SegmentTimes::REGULAR.share_s(seconds)
 }
 
-/// The same where segments are longer by a factor.
-#[inline]
-pub(super) fn stretched_share_s(seconds: f32, stretch: f32) -> f32 {
-    if seconds < (NOMINAL_SEGMENT_S + LONGEST_SEGMENT_S) * stretch {
-        0.5 * seconds
-    } else {
-        NOMINAL_SEGMENT_S * stretch
+/// Durations of the segments of a section.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SegmentTimes {
+    /// A segment of a long section, s.
+    pub(super) nominal_s: f32,
+    /// The longest segment, s.
+    pub(super) longest_s: f32,
+}
+
+impl SegmentTimes {
+    /// Of most sections.
+    pub(super) const REGULAR: Self = Self {
+        nominal_s: NOMINAL_SEGMENT_S,
+        longest_s: LONGEST_SEGMENT_S,
+    };
+    /// Where few steps fall.
+    pub(super) const SPARSE: Self = Self {
+        nominal_s: SPARSE_SEGMENT_S,
+        longest_s: SPARSE_SEGMENT_S,
+    };
+
+    /// Returns the share of a duration that the next segment takes: the remainder is long enough for another.
+    #[inline]
+    pub(super) fn share_s(self, seconds: f32) -> f32 {
+        if seconds < self.nominal_s + self.longest_s {
+            0.5 * seconds
+        } else {
+            self.nominal_s
+        }
     }
 }

@@ -23,8 +23,8 @@ use super::{
     executor::{Executor, Goal, NextSegment, SegmentProfile},
     kinematics::BlockGeometry,
     limits::{
-        FIRST_SEGMENT_S, LONGEST_SEGMENT_S, MIN_DIVISOR_MM_S, MIN_SECTION_S, NOMINAL_SEGMENT_S,
-        SHORTEST_SEGMENT_S, SPEED_TOLERANCE, segment_share_s, stretched_share_s,
+        FIRST_SEGMENT_S, LONGEST_SEGMENT_S, MIN_DIVISOR_MM_S, MIN_SECTION_S, SHORTEST_SEGMENT_S,
+        SPEED_TOLERANCE, SegmentTimes, segment_share_s,
     },
     pass::Pass,
     queue::{BLOCKS, BlockQueue},
@@ -45,9 +45,9 @@ const BLOCKS_PER_PART: usize = 64;
 /// less than ten thousand times that, [`MIN_ACCELERATION_SHARE`] of the block's own.
 const MIN_ACCELERATION_MM_S2: f32 = 1.0e-3;
 const MIN_ACCELERATION_SHARE: f32 = 1.0e-4;
-/// Duration of a remaining section, at the greatest speed, from which more than two segments follow
-/// the next one, s: 1 % above the bound, for rounding.
-const FAR_FROM_END_S: f32 = 1.01 * (NOMINAL_SEGMENT_S + LONGEST_SEGMENT_S);
+/// Duration of a remaining section, at the greatest speed, from which more than two segments follow the next one, as a
+/// part of a nominal and the longest segment: 1 % above the bound, for rounding.
+const FAR_FROM_END: f32 = 1.01;
 /// Factor on the braking distance that surely covers rounding: a far segment equals the segment by
 /// [`Executor::braking_profile`] (an assertion of debug builds compares them).
 const BRAKING_RESERVE: f32 = 1.001;
@@ -298,18 +298,18 @@ impl Executor {
         let speed = self.speed_mm_s;
         let measure = geometry.measure(speed * speed);
         let change = geometry.measure_per_mm() * section.length_mm;
-        let stretch = self.stretch(geometry.block);
+        let times = self.segment_times(geometry.block);
         if geometry.curve.is_none()
-            && let Some(profile) = self.far_profile(geometry, section, change, stretch)
+            && let Some(profile) = self.far_profile(geometry, section, change, times)
         {
             debug_assert_eq!(
                 profile,
-                self.braking_profile(geometry, section, (measure, change), stretch),
+                self.braking_profile(geometry, section, (measure, change), times),
                 "a short cut that leads elsewhere"
             );
             return profile;
         }
-        self.braking_profile(geometry, section, (measure, change), stretch)
+        self.braking_profile(geometry, section, (measure, change), times)
     }
 
     /// The same wherever the section ends.
@@ -320,7 +320,7 @@ impl Executor {
         geometry: BlockGeometry<'_>,
         section: &MonotonicSection,
         (measure, change): (f32, f32),
-        stretch: f32,
+        times: SegmentTimes,
     ) -> SegmentProfile {
         let block = geometry.block;
         let speed = self.speed_mm_s;
@@ -335,13 +335,13 @@ impl Executor {
         let end_speed = math::sqrt(geometry.speed_sqr(end));
         let end_speed = math::min(end_speed, math::max(block.nominal_mm_s, speed));
         let double_mm = 2.0 * section.length_mm;
-        if double_mm <= LONGEST_SEGMENT_S * stretch * (speed + end_speed) {
-            return self.last_profile(section, end_speed, stretch);
+        if double_mm <= times.longest_s * (speed + end_speed) {
+            return self.last_profile(section, end_speed, times);
         }
         let seconds = if speed <= 0.0 {
             FIRST_SEGMENT_S
         } else {
-            stretched_share_s(double_mm / (speed + end_speed), stretch)
+            times.share_s(double_mm / (speed + end_speed))
         };
         let gain = tangential_acceleration(geometry, speed) * seconds;
         // The speed at which braking begins: v² = e² - 2·(v0 + v)/2·gain, with e² as it could be here.
@@ -357,7 +357,7 @@ impl Executor {
         let reached = math::max(reached, math::max(speed - gain, 0.0));
         let length_mm = 0.5 * (speed + reached) * seconds;
         if length_mm >= section.length_mm {
-            return self.last_profile(section, end_speed, stretch);
+            return self.last_profile(section, end_speed, times);
         }
         if geometry.curve.is_some() {
             return self.arc_profile(geometry, section, measure, length_mm, reached);
@@ -378,12 +378,13 @@ impl Executor {
         geometry: BlockGeometry<'_>,
         section: &MonotonicSection,
         change: f32,
-        stretch: f32,
+        times: SegmentTimes,
     ) -> Option<SegmentProfile> {
         let (speed, block) = (self.speed_mm_s, geometry.block);
         let most = math::max(block.nominal_mm_s, speed);
-        let is_far = 2.0 * section.length_mm >= FAR_FROM_END_S * stretch * (speed + most);
-        let seconds = NOMINAL_SEGMENT_S * stretch;
+        let is_far = 2.0 * section.length_mm
+            >= FAR_FROM_END * (times.nominal_s + times.longest_s) * (speed + most);
+        let seconds = times.nominal_s;
         if self.may_exceed_plan || speed <= 0.0 || !is_far {
             return None;
         }
@@ -409,7 +410,7 @@ impl Executor {
         &self,
         section: &MonotonicSection,
         speed_mm_s: f32,
-        stretch: f32,
+        times: SegmentTimes,
     ) -> SegmentProfile {
         let speed = self.speed_mm_s;
         let double_mm = 2.0 * section.length_mm;
@@ -423,7 +424,7 @@ impl Executor {
         SegmentProfile {
             length_mm: section.length_mm,
             speed_mm_s: end_speed,
-            seconds: duration_s(double_mm, speed + end_speed, LONGEST_SEGMENT_S * stretch),
+            seconds: duration_s(double_mm, speed + end_speed, times.longest_s),
             ends_section: true,
         }
     }

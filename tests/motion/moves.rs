@@ -146,7 +146,7 @@ fn a_segment_that_is_due_is_made_while_another_is_played() {
     rig.run_to(100 * u64::from(TICKS_PER_MS));
     let queued = |rig: &Rig| rig.drive.segments.numbers().0;
     let mut made = 0;
-    for _ in 0..100 {
+    for _ in 0..400 {
         let due = rig.drive.due().expect("it moves");
         rig.run_to(due);
         let (before, played) = rig.drive.segments.numbers();
