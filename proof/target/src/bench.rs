@@ -8,6 +8,7 @@
 
 mod emulator;
 mod figures;
+mod intervals;
 mod monitor;
 mod page;
 mod profile;
@@ -113,23 +114,35 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
         pass: profile::cost_of(&replanned.whole, &elf, &PASS)?.per(blocks.div_ceil(100)),
     };
     let figures = figures::all([&one, &three, &lines, &raster], parts)?;
-    let page = Page::new(&figures, &board.name, &compiler(&elf)?);
-    output(&figures, &page, &one.whole.model, options)
+    let errors = intervals::errors(&workload::three_axes(), MOST_HZ)?;
+    let page = Page::new(&figures, errors, &board.name, &compiler(&elf)?);
+    output(&figures, errors, &page, &one.whole.model, options)
 }
 
 /// Puts the figures where they are asked for.
-fn output(figures: &[Figure], page: &Page, model: &str, options: &Options) -> Result<()> {
+fn output(
+    figures: &[Figure],
+    interval_errors: [f64; 3],
+    page: &Page,
+    model: &str,
+    options: &Options,
+) -> Result<()> {
     if options.check {
         page.check()?.print();
         return Ok(());
     }
     println!();
     figures::print(figures);
+    println!(
+        "{}: {}",
+        page::OF_INTERVALS,
+        page::percents(interval_errors)
+    );
     if options.write {
         page.write()?;
     }
     if let Some(path) = &options.json {
-        let json = figures::json(figures, model);
+        let json = figures::json(figures, interval_errors, model);
         fs::write(path, format!("{json:#}\n"))
             .with_context(|| format!("cannot write {}", path.display()))?;
     }

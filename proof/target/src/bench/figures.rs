@@ -261,7 +261,7 @@ fn row(what: &str, cost: Cost) -> String {
 }
 
 /// The figures as JSON: each under its key, and the instructions under `…_instructions`.
-pub(super) fn json(figures: &[Figure], model: &str) -> Value {
+pub(super) fn json(figures: &[Figure], interval_errors: [f64; 3], model: &str) -> Value {
     let mut object = Map::new();
     for figure in figures {
         let stem = figure.key.strip_suffix("_cycles").unwrap_or(figure.key);
@@ -278,6 +278,9 @@ pub(super) fn json(figures: &[Figure], model: &str) -> Value {
             let parts = parts.map(|(name, cost)| (name.clone(), rounded(cost.cycles)));
             object.insert(format!("{stem}_by_task"), Value::Object(parts.collect()));
         }
+    }
+    for (axis, error) in ["x", "y", "z"].into_iter().zip(interval_errors) {
+        object.insert(format!("interval_error_3axis_{axis}"), json!(error));
     }
     object.insert("model".into(), model.into());
     object.into()
@@ -352,6 +355,7 @@ mod tests {
         let [one, three, lines, raster] = [10, 20, 4, 5].map(run);
         let json = json(
             &all([&one, &three, &lines, &raster], parts()).unwrap(),
+            [0.0, 0.25, 0.5],
             "table",
         );
         assert_eq!(json["step_isr_mean_cycles"], 60.0);
@@ -366,6 +370,7 @@ mod tests {
         assert_eq!(json["cycles_parse_g1_line"], 20.0);
         assert_eq!(json["cycles_per_raster_line"], 200.0);
         assert_eq!(json["cycles_replan_100_blocks_instructions"], 15.0);
+        assert_eq!(json["interval_error_3axis_y"], 0.25);
         assert_eq!(json["model"], "table");
     }
 

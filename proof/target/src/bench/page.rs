@@ -35,6 +35,9 @@ const GRBLHAL: [(&str, &str); 7] = [
     ("cycles_replan_100_blocks", "5 808, both its passes"),
 ];
 
+/// What the errors of intervals are called.
+pub(super) const OF_INTERVALS: &str = "Interval error of 3 axes at 100, 73, 51 kHz, rms";
+
 /// What the cycles of a short line are for, by task.
 const PURPOSES: [(&str, &str); 4] = [
     ("serial_rx", "a run for each byte"),
@@ -56,7 +59,12 @@ pub(super) struct Page {
 }
 
 impl Page {
-    pub(super) fn new(figures: &[Figure], board: &str, compiler: &str) -> Self {
+    pub(super) fn new(
+        figures: &[Figure],
+        interval_errors: [f64; 3],
+        board: &str,
+        compiler: &str,
+    ) -> Self {
         let compiler = compiler.split(" (").next().unwrap_or(compiler).to_owned();
         let mut block = format!(
             "`cargo xtask bench` on {board}, {compiler}:\n\n\
@@ -80,6 +88,11 @@ impl Page {
                 shown(figure.cost.cycles)
             );
         }
+        let _ = writeln!(
+            block,
+            "\n{OF_INTERVALS}: {}, of X, Y and Z. grblHAL: 14 to 30 %.",
+            percents(interval_errors)
+        );
         block += "\nWhere the cycles of a short G1 line go:\n\n| task | cycles | what for |\n|---|---|---|\n";
         let mut row = |name: &str, cost: Cost, what: &str| {
             let _ = writeln!(block, "| {name} | {} | {what} |", shown(cost.cycles));
@@ -119,6 +132,12 @@ impl Page {
         }
         Ok(Verdict::Counted(format!("{PAGE} shows these figures")))
     }
+}
+
+/// Parts as percent.
+pub(super) fn percents(parts: [f64; 3]) -> String {
+    let [x, y, z] = parts.map(|part| 100.0 * part);
+    format!("{x:.2}, {y:.2}, {z:.2} %")
 }
 
 /// A number of cycles as the page shows it.
