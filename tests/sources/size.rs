@@ -5,8 +5,8 @@ use super::sources;
 /// The most lines of code of a folder: neither blank nor comments nor unit tests.
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_400),
-    ("proof", 30_520),
-    ("src", 39_300),
+    ("proof", 30_640),
+    ("src", 39_400),
     ("tests", 49_900),
     ("xtask", 40_600),
 ];
