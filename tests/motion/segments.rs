@@ -6,13 +6,13 @@ use crate::support::{
 use leadscrew::{
     axis::{AXES, Axes},
     model::{
-        Command, Plane, Rotation,
+        Command, FeedRate, Laser, Plane, Rotation,
         timing::{EVENT_SPACING_TICKS, MAX_SEGMENT_TICKS, SPARSE_SEGMENT_TICKS},
     },
     motion::{MEAN_SEGMENT_US, STEPS_PER_SEGMENT},
     settings::{Settings, StepRate},
     sim::Edge,
-    units::TICKS_PER_US,
+    units::{Nm, TICKS_PER_US},
 };
 use proptest::prelude::*;
 
@@ -304,6 +304,33 @@ fn lines_of_few_steps_follow_each_other_faster() -> Result<(), TestCaseError> {
     let seconds = short_lines_s(StepRate::Unproven)?;
     assert!(seconds > 0.5e-3, "{seconds} s");
     Ok(())
+}
+
+/// The longest segment of a slow motion to and fro, after a command.
+fn longest_ticks(before: &[Command], feed_rate: impl Fn(f32) -> FeedRate) -> u32 {
+    let mut commands = before.to_vec();
+    commands.extend([5.0, 0.0].map(|x| Command::Line {
+        target: Axes::from_fn(|axis| Nm::from_mm(if axis == 0 { x } else { 0.0 })).into(),
+        feed_rate: feed_rate(600.0),
+        line: 0,
+    }));
+    let segments = play(&settings(100.0, 0.0, 0.01), &commands, &[], 0);
+    let ticks = { segments.windows(2) }.map(|pair| pair[1].ticks - pair[0].ticks);
+    ticks.max().expect("it moves")
+}
+
+#[test]
+fn segments_are_longer_on_lines_alone_that_nothing_waits_for() {
+    let is_longer = |ticks| ticks > LONGEST_TICKS;
+    assert!(is_longer(longest_ticks(&[], FeedRate::Feed)));
+    assert!(!is_longer(longest_ticks(&[], FeedRate::Jog)));
+    for laser in [Laser::Constant(100.0), Laser::Proportional(100.0)] {
+        let power = [Command::Power(laser)];
+        assert!(
+            !is_longer(longest_ticks(&power, FeedRate::Feed)),
+            "{laser:?}"
+        );
+    }
 }
 
 #[test]

@@ -22,6 +22,7 @@ use core::sync::atomic::{
 };
 
 use cortex_m::peripheral::{NVIC, SCB, SYST};
+use leadscrew::units::TICKS_PER_MS;
 
 #[cfg(feature = "trace")]
 use super::trace::Activation;
@@ -56,6 +57,8 @@ static DUE: AtomicU32 = AtomicU32::new(0);
 /// On a busy host TIM2 may run the handler many times while a task makes no progress: time then
 /// waits.
 static RUNS_LEFT: AtomicU32 = AtomicU32::new(0);
+/// Greatest time to an event that preempts tasks, ticks: their deadlines are longer, so time waits for them.
+const PREEMPTING_TICKS: u32 = TICKS_PER_MS / 2;
 
 /// Milliseconds left of the delay of `prepare`, 0 without one, and whether it has ended.
 static DELAY_MS: AtomicU32 = AtomicU32::new(0);
@@ -174,7 +177,8 @@ extern "C" fn TIM2() {
 /// Plays the next event, unless time waits.
 fn play() {
     let runs_left = RUNS_LEFT.load(Relaxed);
-    if runs_left != 0 {
+    let is_near = due().wrapping_sub(NOW.load(Relaxed)) <= PREEMPTING_TICKS;
+    if runs_left == 2 || runs_left == 1 && is_near {
         RUNS_LEFT.store(runs_left - 1, Relaxed);
         memory::record(due());
         NOW.store(due(), Relaxed);
