@@ -20,8 +20,11 @@ mod merge;
 
 use heapless::Vec;
 
-use self::{corner::Corner, merge::Merger};
-use super::router::{Limits, to_axes};
+use self::{
+    corner::Corner,
+    merge::{Follower, Merger, ProgrammedLine},
+};
+use super::router::{Limits, PathEnd, to_axes};
 use crate::{
     axis::{AXES, Axes, LINEAR},
     math,
@@ -29,8 +32,8 @@ use crate::{
     units::Nm,
 };
 
-/// Most outputs of one command: a line and a corner for each of two ends of lines, the last line, and the
-/// command.
+/// Most outputs of one command: a line and a corner for each of two ends of merged lines, and either the same for a
+/// third or the last line and the command.
 const OUTPUTS: usize = 6;
 /// Farthest displacement of a blended line, nm: 2 m, up to which single precision has an error of a
 /// tenth of a micrometre.
@@ -71,12 +74,16 @@ struct PendingLine {
     start: Axes<Nm>,
     target: Target,
     direction: [f32; LINEAR],
+    /// Direction of the last of the lines that were merged: movement of the axes per mm.
+    last_direction: Axes<f32>,
     /// Length as programmed, from corner to corner, mm.
     length_mm: f32,
     /// Distance from the lines that were merged, mm.
     error_mm: f32,
     feed_rate: FeedRate,
     line: u32,
+    /// Squared speed that can be reached at the start, (mm/s)²: 0 where that is unknown.
+    reached_sqr: f32,
 }
 
 /// The lines held back, and the outputs.
@@ -145,18 +152,18 @@ impl Blender {
         }
     }
 
-    /// Adds a command, which begins at `from` if nothing is held back. No output may wait.
+    /// Adds a command, which begins at `end` if nothing is held back. No output may wait.
     pub(super) fn push(
         &mut self,
         control: PathControl,
-        from: Axes<Nm>,
+        end: &PathEnd,
         limits: &Limits,
         command: &Command,
     ) {
         // Commands begin where what is held back ends.
-        let from = self.position().unwrap_or(from);
+        let from = self.position().unwrap_or(end.position);
         if control != self.control {
-            self.flush(limits);
+            self.end_lines(limits, Follower::Unknown);
             self.control = control;
         }
         let PathControl::Continuous { .. } = control else {
@@ -168,22 +175,14 @@ impl Blender {
                 feed_rate,
                 line,
             } if is_blended(&from, &target, feed_rate) => {
-                self.line(limits, from, target, feed_rate, line, 0.0);
-            }
-            Command::Arc {
-                target,
-                circle,
-                feed_rate,
-                line,
-            } if is_blended(&from, &target, feed_rate) => {
-                let displacement = target.position.zip(from, |to, from| to - from);
-                match merge::flat_arc_middle(&circle, &displacement, self.merging_mm()) {
-                    Some((to_middle, error_mm)) => {
-                        let middle = from.zip(to_middle, |from, to_middle| from + to_middle);
-                        self.line(limits, from, middle.into(), feed_rate, line, error_mm);
-                        self.line(limits, middle, target, feed_rate, line, error_mm);
-                    }
-                    None => self.pass(limits, command),
+                if let Some(direction) = direction(&linear_mm(&from, &target.position)) {
+                    let line = ProgrammedLine {
+                        target,
+                        direction: to_axes(&direction),
+                        feed_rate,
+                        line,
+                    };
+                    self.line(limits, (from, end.tangent), &line);
                 }
             }
             Command::Power(laser) if self.laser == Some(laser) && self.has_line() => {}
@@ -194,8 +193,14 @@ impl Blender {
         }
     }
 
-    /// Outputs everything that is held back.
+    /// Outputs everything that is held back: nothing follows for now.
     pub(super) fn flush(&mut self, limits: &Limits) {
+        self.end_lines(limits, Follower::Standstill);
+    }
+
+    /// Outputs everything that is held back.
+    fn end_lines(&mut self, limits: &Limits, follower: Follower) {
+        self.settle(limits, follower);
         self.end_merged_line(limits);
         if let Some(line) = self.pending.take() {
             self.output_line(line.start, line.target, &line);
@@ -204,7 +209,7 @@ impl Blender {
 
     /// Outputs everything that is held back, then a command unchanged.
     fn pass(&mut self, limits: &Limits, command: &Command) {
-        self.flush(limits);
+        self.end_lines(limits, Follower::of(command));
         self.output(BlendOutput::Command(*command));
     }
 
@@ -214,49 +219,49 @@ impl Blender {
         self.merger.end().map(|end| end.position).or(pending)
     }
 
-    /// Adds a line, whose distance from the programmed path is `error_mm`.
+    /// Adds a line, which begins at a place and after a direction if nothing is held back.
     fn line(
         &mut self,
         limits: &Limits,
-        from: Axes<Nm>,
-        target: Target,
-        feed_rate: FeedRate,
-        line: u32,
-        error_mm: f32,
+        (from, tangent): (Axes<Nm>, Axes<f32>),
+        line: &ProgrammedLine,
     ) {
+        self.settle(limits, Follower::Move(line.direction));
         let merging_mm = self.merging_mm();
-        let is_feed = matches!(feed_rate, FeedRate::Feed(_));
-        let is_merged = is_feed
-            && self.keeps_speed(limits, &target, feed_rate)
-            && self
-                .merger
-                .extend(&target, feed_rate, line, error_mm, merging_mm);
-        if is_merged {
+        let is_feed = matches!(line.feed_rate, FeedRate::Feed(_));
+        if is_feed && self.merger.extend(limits, line, merging_mm) {
             return;
         }
         self.end_merged_line(limits);
-        self.merger.begin(from, target, feed_rate, line, error_mm);
+        self.begin(limits, (from, tangent), line);
         if !is_feed || merging_mm <= 0.0 {
             self.end_merged_line(limits);
         }
     }
 
-    /// Returns true if the corner before the merged line does not become slower by another line.
-    ///
-    /// Along a curve, few long lines make sharper corners than many short ones.
-    fn keeps_speed(&self, limits: &Limits, target: &Target, feed_rate: FeedRate) -> bool {
-        let Some(before) = &self.pending else {
-            return true;
+    /// Ends the merged line before its last one, if the corner to what follows would become slower.
+    fn settle(&mut self, limits: &Limits, follower: Follower) {
+        let Some(last) = self.merger.take_last_before(limits, follower) else {
+            return;
         };
-        let (Some(now), Some(then)) = (self.merger.direction(), self.merger.direction_to(target))
-        else {
-            return true;
+        if let Some(from) = self.position() {
+            self.end_merged_line(limits);
+            self.begin(limits, (from, last.direction), &last);
+        }
+    }
+
+    /// Begins a merged line: see [`Self::line`].
+    fn begin(
+        &mut self,
+        limits: &Limits,
+        (from, tangent): (Axes<Nm>, Axes<f32>),
+        line: &ProgrammedLine,
+    ) {
+        let before = match &self.pending {
+            Some(pending) => [to_axes(&pending.direction), pending.last_direction],
+            None => [tangent; 2],
         };
-        let before = to_axes(&before.direction);
-        let [now, then] = [now, then].map(|direction| to_axes(&direction));
-        let speed_mm_s = limits.line_mm_s(feed_rate, &then);
-        let wanted_sqr = math::min(limits.junction_sqr(&before, &now), speed_mm_s * speed_mm_s);
-        limits.junction_sqr(&before, &then) >= wanted_sqr
+        self.merger.begin(limits, from, before, line);
     }
 
     /// Ends the merged line, and outputs the line and the corner before.
@@ -266,15 +271,16 @@ impl Blender {
         };
         self.deviation_mm = math::max(self.deviation_mm, next.error_mm);
         if let Some(before) = self.pending.take() {
-            let corner = Corner::between(limits, &before, &next, self.tolerance_mm());
-            match corner {
-                Some(corner) => {
-                    self.output_line(before.start, corner.start.into(), &before);
-                    self.output(BlendOutput::CornerArc(corner.arc));
-                    next.start = corner.arc.target;
-                    self.deviation_mm = math::max(self.deviation_mm, corner.deviation_mm);
-                }
-                None => self.output_line(before.start, before.target, &before),
+            let corner = Corner::new(limits, &before, &next);
+            if let Some(rounding) = corner.rounded(limits, self.tolerance_mm()) {
+                next.reached_sqr = rounding.reached_sqr;
+                next.start = rounding.arc.target;
+                self.deviation_mm = math::max(self.deviation_mm, rounding.deviation_mm);
+                self.output_line(before.start, rounding.start.into(), &before);
+                self.output(BlendOutput::CornerArc(rounding.arc));
+            } else {
+                next.reached_sqr = corner.reached_sqr();
+                self.output_line(before.start, before.target, &before);
             }
         }
         self.pending = Some(next);

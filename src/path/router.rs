@@ -43,15 +43,15 @@ const MAX_ROTARY_PER_FEED_MM: f32 = 1.0e6;
 
 /// Where a router's last command and last block ended.
 #[derive(Debug, Default)]
-struct PathEnd {
+pub(super) struct PathEnd {
     /// End of the last command.
-    position: Axes<Nm>,
+    pub(super) position: Axes<Nm>,
     /// End of the last block, as a coordinate and in steps.
     block_end: Axes<Nm>,
     fine: Axes<FineSteps>,
     steps: Axes<Steps>,
     /// Direction there: movement of the axes per mm of path.
-    tangent: Axes<f32>,
+    pub(super) tangent: Axes<f32>,
     /// Curvature there, 1/mm, towards the centre.
     curvature: Axes<f32>,
 }
@@ -277,7 +277,7 @@ impl Router {
     /// Passes a command to the blender; [`Blender::front`] has what comes of it.
     #[inline(never)]
     pub fn blend(&self, blender: &mut Blender, control: PathControl, command: &Command) {
-        blender.push(control, self.at.position, &self.limits, command);
+        blender.push(control, &self.at, &self.limits, command);
     }
 
     /// Flushes what the blender holds back.

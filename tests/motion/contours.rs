@@ -115,7 +115,7 @@ fn path_control_rounds_the_tool_path() {
         has_rapids: false,
     };
     let executed = |control: &str, path: &[&str]| {
-        let begin = ["F3000", control, "G0X0Y-10"];
+        let begin = ["F6000", control, "G0X0Y-10"];
         let lines: Vec<_> = begin.iter().chain(path).map(ToString::to_string).collect();
         let executed = execute(form, &lines);
         assert!(

@@ -20,6 +20,7 @@ mod playback;
 #[cfg(feature = "axes-4")]
 mod rotary;
 mod rounding;
+mod rounding_time;
 mod segments;
 mod step_arcs;
 #[path = "../support/mod.rs"]

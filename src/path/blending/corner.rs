@@ -10,8 +10,20 @@
 //! The arc touches both lines, so that only its radius limits the speed: v² = a·radius. The deviation,
 //! from the corner to the middle of the arc, is the greatest distance between the two paths, in either
 //! direction. At most half of each line is trimmed, whatever is trimmed at its other end.
+//!
+//! # When an arc is faster
+//!
+//! Both paths are planned between the two ends of the arc. Outside, both have the same limits: the lines before the
+//! corner bring the machine to some speed, known from them, and what comes after lets it leave the line after the corner
+//! at some speed, which nothing tells yet: anything from 0. Along the arc the acceleration is that of the look-ahead,
+//! √(a² - (v²/radius)²), so that the squared speed is a·radius·sin z with an angle z in proportion to the path.
+//!
+//! Where the arc begins or ends more slowly than the exact path is at the same place, the machine has to brake earlier, or
+//! has to accelerate later: that takes the difference of the speeds divided by the acceleration at most. An arc is in the
+//! place of a corner only if both times together are no longer than the time on the trimmed lines, whatever comes after:
+//! [`ArcProfile::is_no_slower`]. So no plan is slower with rounded corners, whatever the other corners are.
 
-use super::{CornerArc, PendingLine};
+use super::{CornerArc, PendingLine, linear_mm};
 use crate::{
     axis::{Axes, LINEAR},
     math,
@@ -19,49 +31,75 @@ use crate::{
     path::router::{Limits, to_axes},
     units::Nm,
 };
+use core::f32::consts::FRAC_PI_2;
 
 /// Greatest rounding error of a trimmed line, nm: a shorter line is none.
 pub(super) const ROUNDING_NM: i64 = 50;
 /// Least cos²(θ/2), a deflection of 176°, for an arc: beyond, its radius is below a thirtieth of what is
 /// trimmed.
 const MIN_COSINE_SQR: f32 = 1.0e-3;
-/// Least ratio of the squared speeds on the arc and at the exact corner, 1.2 in speed v. Below this ratio an arc gains
-/// little: less braking saves 2 (v − v/1.2)/a = v/3a at most, and an arc of the deflection θ takes θ v/a itself: beyond
-/// 19° the arc gains nothing.
-const MIN_GAIN: f32 = 1.44;
 /// Most steps of a radius: the points of a [`SpatialArc`](crate::path::SpatialArc) of 30 binary places have
 /// an error of 2⁻⁹ steps then.
 const MAX_RADIUS_STEPS: f32 = 2_000_000.0;
 /// Part of the tolerance that is used: the remainder is for rounding in single precision.
 const TOLERANCE_PART: f32 = 0.9999;
+/// Speeds that what comes after a corner may allow: of none to of no limit, in so many equal parts of the square.
+const EXIT_SPEEDS: u8 = 2;
+/// Stretches of a trimmed line, and twice as many of an arc, for which a speed each is computed.
+const STRETCHES: u8 = 4;
 
-/// A blended corner.
+/// The corner of two lines.
+pub(super) struct Corner<'a> {
+    before: &'a PendingLine,
+    after: &'a PendingLine,
+    sides: [CornerSide; 2],
+    /// Limits of the squared speed, (mm/s)²: that of the lines, and that of the exact corner.
+    wanted_sqr: f32,
+    junction_sqr: f32,
+}
+
+/// A rounded corner.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Corner {
+pub(super) struct Rounding {
     /// End of the line before, start of the arc.
     pub(super) start: Axes<Nm>,
     pub(super) arc: CornerArc,
     /// Greatest distance from the programmed path, mm, that of the lines included.
     pub(super) deviation_mm: f32,
+    /// Squared speed that can be reached at the end of the arc, (mm/s)².
+    pub(super) reached_sqr: f32,
 }
 
-impl Corner {
-    /// Returns the corner with an arc within a tolerance of the programmed path; `None` where that is not
-    /// faster than the exact corner.
-    pub(super) fn between(
-        limits: &Limits,
-        before: &PendingLine,
-        after: &PendingLine,
-        tolerance_mm: f32,
-    ) -> Option<Self> {
-        let [from, to] = [before, after].map(|line| to_axes(&line.direction));
-        let speed_mm_s = math::min(
-            limits.line_mm_s(before.feed_rate, &from),
-            limits.line_mm_s(after.feed_rate, &to),
-        );
-        let wanted_sqr = speed_mm_s * speed_mm_s;
-        let exact_sqr = limits.junction_sqr(&from, &to);
-        if wanted_sqr < MIN_GAIN * exact_sqr || limits.reverses_backlash(&from, &to) {
+impl<'a> Corner<'a> {
+    pub(super) fn new(limits: &Limits, before: &'a PendingLine, after: &'a PendingLine) -> Self {
+        let sides = [
+            CornerSide::new(limits, before, before.reached_sqr, before.left_mm()),
+            CornerSide::new(limits, after, 0.0, after.length_mm),
+        ];
+        let wanted_mm_s = math::min(sides[0].speed_mm_s, sides[1].speed_mm_s);
+        Self {
+            before,
+            after,
+            wanted_sqr: wanted_mm_s * wanted_mm_s,
+            junction_sqr: limits.junction_sqr(&sides[0].direction, &sides[1].direction),
+            sides,
+        }
+    }
+
+    /// Returns the squared speed that can be reached at the exact corner, (mm/s)².
+    pub(super) fn reached_sqr(&self) -> f32 {
+        math::min(
+            math::min(self.junction_sqr, self.wanted_sqr),
+            self.sides[0].corner_sqr,
+        )
+    }
+
+    /// Returns the corner with an arc within a tolerance of the programmed path; `None` where that might be slower than
+    /// the exact corner.
+    pub(super) fn rounded(&self, limits: &Limits, tolerance_mm: f32) -> Option<Rounding> {
+        let (before, after) = (self.before, self.after);
+        let [from, to] = [&self.sides[0].direction, &self.sides[1].direction];
+        if self.wanted_sqr <= self.junction_sqr || limits.reverses_backlash(from, to) {
             return None;
         }
         let angle = Deflection::between(&before.direction, &after.direction)?;
@@ -73,31 +111,36 @@ impl Corner {
         let radius_mm = math::min(
             math::min(allowed_mm / angle.excess(), half_mm / angle.half_tangent()),
             math::min(
-                wanted_sqr / acceleration,
+                self.wanted_sqr / acceleration,
                 limits.radius_mm(MAX_RADIUS_STEPS),
             ),
         );
+        if radius_mm <= 0.0 {
+            return None;
+        }
         let length_mm = radius_mm * angle.radians();
-        let shortest_time_mm_s = length_mm / Limits::MIN_CORNER_ARC_S;
-        let speeds = CornerSpeeds {
-            // Reached between the corner and the middle of the shorter line.
-            top_sqr: math::min(wanted_sqr, exact_sqr + 2.0 * acceleration * half_mm),
-            exact_sqr,
-            arc_sqr: math::min(
+        let has_slack = before.left_mm() - half_mm >= Limits::RESTING_S * self.sides[0].speed_mm_s;
+        let reversals = (0..LINEAR).filter(|axis| from[*axis] * to[*axis] < 0.0);
+        let shortest_s = Limits::shortest_corner_arc_s(reversals.count(), has_slack);
+        let axes_mm_s = math::min(limits.arc_mm_s(&shares), length_mm / shortest_s);
+        let arc = ArcProfile {
+            length_mm,
+            trimmed_mm: radius_mm * angle.half_tangent(),
+            limit_sqr: acceleration * radius_mm,
+            angle_per_mm: 2.0 / radius_mm,
+            top_sqr: math::min(
+                math::min(self.wanted_sqr, axes_mm_s * axes_mm_s),
                 limits.corner_arc_sqr(&shares, radius_mm, acceleration),
-                shortest_time_mm_s * shortest_time_mm_s,
             ),
-            acceleration,
         };
-        let trimmed_mm = radius_mm * angle.half_tangent();
-        if radius_mm <= 0.0 || !speeds.is_arc_faster(length_mm, trimmed_mm) {
+        if arc.top_sqr <= self.junction_sqr || !arc.is_no_slower(&self.sides, self.junction_sqr) {
             return None;
         }
         let corner = before.target.position;
-        Some(Self {
-            start: moved(corner, &before.direction, -trimmed_mm),
+        Some(Rounding {
+            start: moved(corner, &before.direction, -arc.trimmed_mm),
             arc: CornerArc {
-                target: moved(corner, &after.direction, trimmed_mm),
+                target: moved(corner, &after.direction, arc.trimmed_mm),
                 radius_mm,
                 sweep_rad: angle.radians(),
                 radial: angle.radial_at_start(),
@@ -106,7 +149,144 @@ impl Corner {
                 line: after.line,
             },
             deviation_mm: radius_mm * angle.excess() + error_mm,
+            reached_sqr: arc.reached_sqr(&self.sides[0]),
         })
+    }
+}
+
+impl PendingLine {
+    /// Returns what the corner at its start has left of the line, mm.
+    fn left_mm(&self) -> f32 {
+        let left = linear_mm(&self.start, &self.target.position);
+        math::sqrt(math::dot(&left, &left))
+    }
+}
+
+/// A line beside a corner.
+struct CornerSide {
+    direction: Axes<f32>,
+    speed_mm_s: f32,
+    acceleration_mm_s2: f32,
+    /// Squared speed at the corner for the line alone, (mm/s)²: that from which it leads to its other end, or the other
+    /// way round.
+    corner_sqr: f32,
+}
+
+impl CornerSide {
+    fn new(limits: &Limits, line: &PendingLine, end_sqr: f32, length_mm: f32) -> Self {
+        let direction = to_axes(&line.direction);
+        let acceleration_mm_s2 = limits.line_acceleration_mm_s2(&direction);
+        Self {
+            direction,
+            speed_mm_s: limits.line_mm_s(line.feed_rate, &direction),
+            acceleration_mm_s2,
+            corner_sqr: end_sqr + 2.0 * acceleration_mm_s2 * length_mm,
+        }
+    }
+
+    /// Returns the change of the squared speed over a distance, (mm/s)².
+    fn change_sqr(&self, mm: f32) -> f32 {
+        2.0 * self.acceleration_mm_s2 * mm
+    }
+
+    /// Returns the speed on the exact path at a distance from the corner, mm/s, with squared speeds at the corner: of
+    /// the exact path, and for the line alone.
+    fn exact_mm_s(&self, mm: f32, exact_sqr: f32, corner_sqr: f32) -> f32 {
+        let change = self.change_sqr(mm);
+        let sqr = math::min(exact_sqr + change, corner_sqr - change);
+        math::min(
+            self.speed_mm_s,
+            math::sqrt(math::max(sqr, f32::MIN_POSITIVE)),
+        )
+    }
+}
+
+/// An arc of a corner, and what it has to keep to.
+struct ArcProfile {
+    length_mm: f32,
+    /// What the arc trims of each line, mm.
+    trimmed_mm: f32,
+    /// Squared speed at which the acceleration towards the centre is the greatest, (mm/s)².
+    limit_sqr: f32,
+    /// Change of z per mm.
+    angle_per_mm: f32,
+    /// Limit of the squared speed, (mm/s)².
+    top_sqr: f32,
+}
+
+impl ArcProfile {
+    /// Returns true if the arc takes no longer than the exact corner, whatever the speed is at which the line after it may
+    /// be left.
+    fn is_no_slower(&self, sides: &[CornerSide; 2], junction_sqr: f32) -> bool {
+        let [before, after] = [&sides[0], &sides[1]];
+        let change_sqr = after.change_sqr(self.trimmed_mm);
+        let least_sqr = after.corner_sqr;
+        let most_sqr = change_sqr + math::max(junction_sqr + change_sqr, self.top_sqr);
+        let parts = if least_sqr < most_sqr { EXIT_SPEEDS } else { 0 };
+        (0..=parts).all(|number| {
+            let part = f32::from(number) * (1.0 / f32::from(EXIT_SPEEDS));
+            let corner_sqr = least_sqr + part * (most_sqr - least_sqr);
+            self.saved_s(sides, junction_sqr, [before.corner_sqr, corner_sqr]) >= 0.0
+        })
+    }
+
+    /// Returns the time that the arc saves at least, s, with the squared speeds at the corner for each line alone.
+    ///
+    /// The inverse of a speed is a convex function of the place: the trapezoidal rule makes the time of the arc longer,
+    /// and the rule of midpoints that of the exact path shorter.
+    fn saved_s(&self, sides: &[CornerSide; 2], junction_sqr: f32, corner_sqr: [f32; 2]) -> f32 {
+        let angle_at =
+            |end: usize| self.angle(corner_sqr[end] - sides[end].change_sqr(self.trimmed_mm));
+        let angles = [angle_at(0), angle_at(1)];
+        let speed = |part: f32| {
+            let [passed_mm, left_mm] = [part, 1.0 - part].map(|part| part * self.length_mm);
+            let forward = angles[0] + self.angle_per_mm * passed_mm;
+            let backward = angles[1] + self.angle_per_mm * left_mm;
+            math::sqrt(math::min(
+                self.top_sqr,
+                self.sqr(math::min(forward, backward)),
+            ))
+        };
+        let ends = [speed(0.0), speed(1.0)];
+        let mut per_speed = 0.5 * (1.0 / ends[0] + 1.0 / ends[1]);
+        for number in 1..2 * STRETCHES {
+            per_speed += 1.0 / speed(f32::from(number) * (0.5 / f32::from(STRETCHES)));
+        }
+        let mut saved_s = -per_speed * self.length_mm * (0.5 / f32::from(STRETCHES));
+        let exact_sqr = math::min(junction_sqr, math::min(corner_sqr[0], corner_sqr[1]));
+        let stretch_mm = self.trimmed_mm * (1.0 / f32::from(STRETCHES));
+        for ((side, corner_sqr), end_mm_s) in sides.iter().zip(corner_sqr).zip(ends) {
+            let exact = |mm: f32| side.exact_mm_s(mm, exact_sqr, corner_sqr);
+            for number in 0..STRETCHES {
+                saved_s += stretch_mm / exact((f32::from(number) + 0.5) * stretch_mm);
+            }
+            let slower_mm_s = math::max(exact(self.trimmed_mm) - end_mm_s, 0.0);
+            saved_s -= slower_mm_s / side.acceleration_mm_s2;
+        }
+        saved_s
+    }
+
+    /// Returns the squared speed to which the line before the arc leads at its end, (mm/s)².
+    fn reached_sqr(&self, before: &CornerSide) -> f32 {
+        let start = self.angle(before.corner_sqr - before.change_sqr(self.trimmed_mm));
+        math::min(
+            self.top_sqr,
+            self.sqr(start + self.angle_per_mm * self.length_mm),
+        )
+    }
+
+    /// Returns the angle z of a squared speed, rad.
+    fn angle(&self, sqr: f32) -> f32 {
+        math::asin(math::min(
+            math::max(sqr, f32::MIN_POSITIVE) / self.limit_sqr,
+            1.0,
+        ))
+    }
+
+    /// Returns the squared speed of an angle z, (mm/s)².
+    fn sqr(&self, angle: f32) -> f32 {
+        let sqr = self.limit_sqr * math::sin(math::min(angle, FRAC_PI_2));
+        math::max(sqr, f32::MIN_POSITIVE)
     }
 }
 
@@ -169,34 +349,6 @@ impl Deflection {
         core::array::from_fn(|axis| {
             self.half_cosine * self.radial[axis] - self.half_sine * self.tangent[axis]
         })
-    }
-}
-
-/// Squared speeds at a corner, (mm/s)², and the acceleration, mm/s².
-struct CornerSpeeds {
-    /// Far from the corner.
-    top_sqr: f32,
-    /// At the exact corner.
-    exact_sqr: f32,
-    /// On the arc.
-    arc_sqr: f32,
-    acceleration: f32,
-}
-
-impl CornerSpeeds {
-    /// Returns true if the arc takes less time than the exact corner.
-    ///
-    /// Braking from V to v and accelerating again costs (V - v)²/(aV) against a constant V; the arc takes
-    /// its length at v, and saves the trimmed ends of both lines at V. All times are multiplied by aV.
-    fn is_arc_faster(&self, length_mm: f32, trimmed_mm: f32) -> bool {
-        if self.arc_sqr < MIN_GAIN * self.exact_sqr {
-            return false;
-        }
-        let [exact, arc] = [self.exact_sqr, self.arc_sqr].map(math::sqrt);
-        let top = math::max(math::sqrt(self.top_sqr), arc);
-        let braking = |speed: f32| (top - speed) * (top - speed);
-        let length = self.acceleration * (top * length_mm / arc - 2.0 * trimmed_mm);
-        braking(arc) + length < braking(exact)
     }
 }
 

@@ -3,48 +3,113 @@
 //! As in LinuxCNC's "naive CAM detector", all points between the first and the last are near the line
 //! from the first to the last. Here the points also follow each other along this line, so the line is nowhere farther
 //! from the programmed path than the points are from the line.
+//!
+//! A merged line is no longer than its lines, and has none of the corners between them. So it is never slower, if it has
+//! an acceleration like theirs, and if the corners at both its ends are no slower. The latter depends on what follows:
+//! the last line is taken out again where the merged line would have a slower corner with that.
 
 use super::{PendingLine, direction, linear_mm};
 use crate::{
     axis::{AXES, Axes, LINEAR},
     math,
-    model::{Circle, FeedRate, Rotation, Target},
-    units::Nm,
+    model::{Circle, Command, FeedRate, Rotation, Target},
+    path::router::{Limits, to_axes},
+    units::{MicroDegrees, Nm},
 };
 
 /// Most lines merged into one, which bounds the time of a line and the memory.
 const POINTS: usize = 100;
+/// Least acceleration of a merged line as a part of the acceleration of each of its lines. A line may accelerate more
+/// slowly than the lines around it: where axes have different accelerations, and where one axis moves nearly alone.
+const ACCELERATION_PART: f32 = 0.99;
+
+/// A line as programmed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ProgrammedLine {
+    pub(super) target: Target,
+    /// Movement of the axes per mm.
+    pub(super) direction: Axes<f32>,
+    pub(super) feed_rate: FeedRate,
+    pub(super) line: u32,
+}
+
+impl ProgrammedLine {
+    const NONE: Self = Self {
+        target: Target {
+            position: Axes([Nm(0); AXES]),
+            single_mm: Axes([0.0; AXES]),
+        },
+        direction: Axes([0.0; AXES]),
+        feed_rate: FeedRate::Rapid,
+        line: 0,
+    };
+}
+
+/// What follows the lines that are held back.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Follower {
+    /// A move that begins in a direction: movement of the axes per mm of path.
+    Move(Axes<f32>),
+    /// Nothing for now.
+    Standstill,
+    /// A move in any direction, or none.
+    Unknown,
+}
+
+impl Follower {
+    /// What a command is that cannot be merged.
+    pub(super) fn of(command: &Command) -> Self {
+        match command {
+            Command::Arc { circle, .. } => tangent(circle).map_or(Self::Unknown, Self::Move),
+            _ => Self::Unknown,
+        }
+    }
+}
+
+/// The lines from the start to one of the ends, as one.
+#[derive(Debug, Clone, Copy)]
+struct Part {
+    last: ProgrammedLine,
+    /// Greatest distance of the ends from the line to the last one, mm.
+    error_mm: f32,
+}
+
+impl Part {
+    const NONE: Self = Self {
+        last: ProgrammedLine::NONE,
+        error_mm: 0.0,
+    };
+}
 
 /// Lines one after the other, with the ends of all of them.
 #[derive(Debug)]
 pub(super) struct Merger {
     start: Axes<Nm>,
-    end: Target,
+    /// Direction of the path before the start.
+    before: Axes<f32>,
+    /// Limit of the squared speed at the start as programmed, (mm/s)².
+    junction_sqr: f32,
     /// Ends, relative to the start, mm.
     points: [[f32; LINEAR]; POINTS],
     count: usize,
-    /// Greatest distance of the ends from the line to the last one, mm.
-    error_mm: f32,
-    /// Greatest distance of the lines from the programmed path, mm.
-    line_error_mm: f32,
-    feed_rate: FeedRate,
-    line: u32,
+    /// All lines, and all but the last one.
+    whole: Part,
+    shorter: Part,
+    /// Greatest acceleration of a line, mm/s².
+    acceleration_mm_s2: f32,
 }
 
 impl Merger {
     pub(super) const fn new() -> Self {
         Self {
             start: Axes([Nm(0); AXES]),
-            end: Target {
-                position: Axes([Nm(0); AXES]),
-                single_mm: Axes([0.0; AXES]),
-            },
+            before: Axes([0.0; AXES]),
+            junction_sqr: 0.0,
             points: [[0.0; LINEAR]; POINTS],
             count: 0,
-            error_mm: 0.0,
-            line_error_mm: 0.0,
-            feed_rate: FeedRate::Rapid,
-            line: 0,
+            whole: Part::NONE,
+            shorter: Part::NONE,
+            acceleration_mm_s2: 0.0,
         }
     }
 
@@ -58,63 +123,99 @@ impl Merger {
 
     /// Returns the end of the last line.
     pub(super) fn end(&self) -> Option<&Target> {
-        (self.count != 0).then_some(&self.end)
+        (self.count != 0).then_some(&self.whole.last.target)
     }
 
-    /// Returns the direction from the start to the end.
-    pub(super) fn direction(&self) -> Option<[f32; LINEAR]> {
-        direction(self.points.get(self.count.checked_sub(1)?)?)
-    }
-
-    /// Returns the direction from the start to another end.
-    pub(super) fn direction_to(&self, target: &Target) -> Option<[f32; LINEAR]> {
-        let is_any = self.count != 0;
-        direction(&linear_mm(&self.start, &target.position)).filter(|_| is_any)
-    }
-
-    /// Begins with a line at a distance of `error_mm` from the programmed path.
+    /// Begins with a line. `before` is the direction of the path before it, and `programmed` that as programmed: none
+    /// at the start of everything.
     pub(super) fn begin(
         &mut self,
+        limits: &Limits,
         from: Axes<Nm>,
-        target: Target,
-        feed_rate: FeedRate,
-        line: u32,
-        error_mm: f32,
+        [before, programmed]: [Axes<f32>; 2],
+        line: &ProgrammedLine,
     ) {
         self.start = from;
-        self.end = target;
-        self.points[0] = linear_mm(&from, &target.position);
+        self.before = before;
+        self.junction_sqr = if math::dot(&programmed.0, &programmed.0) > 0.0 {
+            limits.junction_sqr(&programmed, &line.direction)
+        } else {
+            0.0
+        };
+        self.points[0] = linear_mm(&from, &line.target.position);
         self.count = 1;
-        self.error_mm = 0.0;
-        self.line_error_mm = error_mm;
-        self.feed_rate = feed_rate;
-        self.line = line;
+        self.whole = Part {
+            last: *line,
+            error_mm: 0.0,
+        };
+        self.acceleration_mm_s2 = limits.line_acceleration_mm_s2(&line.direction);
     }
 
-    /// Adds a line; returns false if the merged line would be farther than `max_mm` from the programmed path.
-    pub(super) fn extend(
-        &mut self,
-        target: &Target,
-        feed_rate: FeedRate,
-        line: u32,
-        error_mm: f32,
-        max_mm: f32,
-    ) -> bool {
-        if self.count == 0 || self.count == POINTS || feed_rate != self.feed_rate {
+    /// Adds a line; returns false if the merged line would be slower than its lines up to its end, or farther than
+    /// `max_mm` from the programmed path.
+    pub(super) fn extend(&mut self, limits: &Limits, line: &ProgrammedLine, max_mm: f32) -> bool {
+        if self.count == 0 || self.count == POINTS || line.feed_rate != self.whole.last.feed_rate {
             return false;
         }
-        let line_error_mm = math::max(self.line_error_mm, error_mm);
-        let displacement = linear_mm(&self.start, &target.position);
-        let Some(error_mm) = self.error_to(&displacement, max_mm - line_error_mm) else {
+        let displacement = linear_mm(&self.start, &line.target.position);
+        let Some(merged) = direction(&displacement) else {
+            return false;
+        };
+        let merged = to_axes(&merged);
+        let acceleration_mm_s2 = math::max(
+            self.acceleration_mm_s2,
+            limits.line_acceleration_mm_s2(&line.direction),
+        );
+        let is_as_fast = limits.line_acceleration_mm_s2(&merged)
+            >= ACCELERATION_PART * acceleration_mm_s2
+            && is_passed_as_fast(
+                limits.junction_sqr(&self.before, &merged),
+                self.junction_sqr,
+                limits.line_mm_s(line.feed_rate, &merged),
+            );
+        if !is_as_fast {
+            return false;
+        }
+        let Some(error_mm) = self.error_to(&displacement, max_mm) else {
             return false;
         };
         self.points[self.count] = displacement;
         self.count += 1;
-        self.end = *target;
-        self.error_mm = error_mm;
-        self.line_error_mm = line_error_mm;
-        self.line = line;
+        let last = *line;
+        self.shorter = core::mem::replace(&mut self.whole, Part { last, error_mm });
+        self.acceleration_mm_s2 = acceleration_mm_s2;
         true
+    }
+
+    /// Takes out the last line, if all lines as one would have a slower corner to what follows.
+    ///
+    /// Along a curve, few long lines make sharper corners than many short ones.
+    pub(super) fn take_last_before(
+        &mut self,
+        limits: &Limits,
+        follower: Follower,
+    ) -> Option<ProgrammedLine> {
+        if self.count < 2 || self.ends_as_fast(limits, follower) {
+            return None;
+        }
+        self.count -= 1;
+        Some(core::mem::replace(&mut self.whole, self.shorter).last)
+    }
+
+    fn ends_as_fast(&self, limits: &Limits, follower: Follower) -> bool {
+        let Some(merged) = self.points.get(self.count - 1).and_then(direction) else {
+            return true;
+        };
+        let (merged, last) = (to_axes(&merged), &self.whole.last);
+        match follower {
+            Follower::Standstill => true,
+            Follower::Unknown => limits.junction_sqr(&merged, &last.direction) == f32::MAX,
+            Follower::Move(after) => is_passed_as_fast(
+                limits.junction_sqr(&merged, &after),
+                limits.junction_sqr(&last.direction, &after),
+                limits.line_mm_s(last.feed_rate, &merged),
+            ),
+        }
     }
 
     /// Returns the greatest distance of the ends from a line from the start, mm; `None` above `max_mm`.
@@ -147,138 +248,42 @@ impl Merger {
     pub(super) fn end_line(&mut self) -> Option<PendingLine> {
         let displacement = *self.points.get(self.count.checked_sub(1)?)?;
         self.count = 0;
+        let Part { last, error_mm } = self.whole;
         let length_mm = math::sqrt(math::dot(&displacement, &displacement));
         Some(PendingLine {
             start: self.start,
-            target: self.end,
+            target: last.target,
             direction: displacement.map(|part| part / length_mm),
+            last_direction: last.direction,
             length_mm,
-            error_mm: self.error_mm + self.line_error_mm,
-            feed_rate: self.feed_rate,
-            line: self.line,
+            error_mm,
+            feed_rate: last.feed_rate,
+            line: last.line,
+            reached_sqr: 0.0,
         })
     }
 }
 
-/// Returns the displacement to the middle of an arc, and the distance of the two lines through the middle
-/// from the arc, mm; `None` for an arc whose height, or that distance, is above `max_mm`. `displacement` is
-/// that to the end.
-pub(super) fn flat_arc_middle(
-    circle: &Circle,
-    displacement: &Axes<Nm>,
-    max_mm: f32,
-) -> Option<(Axes<Nm>, f32)> {
+/// Returns true if a junction with a limit of the squared speed is passed no more slowly than with another limit, beside
+/// a line of a speed.
+fn is_passed_as_fast(sqr: f32, programmed_sqr: f32, line_mm_s: f32) -> bool {
+    sqr >= math::min(programmed_sqr, line_mm_s * line_mm_s)
+}
+
+/// Returns the direction in which an arc begins, if it is no helix; `None` for an arc in a tilted plane.
+fn tangent(circle: &Circle) -> Option<Axes<f32>> {
     let (first, second, _) = circle.plane.axes();
-    if max_mm <= 0.0 || circle.turns > 1 {
-        return None;
-    }
-    let chord = [displacement[first], displacement[second]].map(Nm::to_mm);
     let centre = circle.centre.map(Nm::to_mm);
-    let chord_mm = math::sqrt(math::dot(&chord, &chord));
-    let [to_start, to_end] = [centre, [centre[0] - chord[0], centre[1] - chord[1]]]
-        .map(|offset| math::sqrt(math::dot(&offset, &offset)));
-    if chord_mm <= 0.0 {
+    let radius_mm = math::sqrt(math::dot(&centre, &centre));
+    if radius_mm <= 0.0 || circle.tilt != MicroDegrees::ZERO {
         return None;
     }
-    // Less than half a turn: the centre is to the left of the chord of a counter-clockwise arc.
-    let left_mm = (chord[0] * centre[1] - chord[1] * centre[0]) / chord_mm;
-    let is_minor = match circle.rotation {
-        Rotation::CounterClockwise => left_mm > 0.0,
-        Rotation::Clockwise => left_mm < 0.0,
+    let per_mm = match circle.rotation {
+        Rotation::CounterClockwise => 1.0 / radius_mm,
+        Rotation::Clockwise => -1.0 / radius_mm,
     };
-    let radius_mm = 0.5 * (to_start + to_end);
-    let to_chord_mm = left_mm.abs();
-    let height_mm = 0.25 * chord_mm * chord_mm / (radius_mm + to_chord_mm);
-    // The radii may differ.
-    let error_mm = half_height_mm(height_mm, to_chord_mm / radius_mm) + (to_start - to_end).abs();
-    if !is_minor || height_mm >= max_mm || error_mm >= max_mm {
-        return None;
-    }
-    // To the right of a counter-clockwise chord, on the side that the centre is not on.
-    let part = height_mm / chord_mm;
-    let part = if left_mm > 0.0 { part } else { -part };
-    let to_side = [chord[1] * part, -chord[0] * part];
-    let mut middle = displacement.map(|distance| Nm(distance.0 / 2));
-    middle[first] = middle[first] + Nm::from_mm(to_side[0]);
-    middle[second] = middle[second] + Nm::from_mm(to_side[1]);
-    Some((middle, error_mm))
-}
-
-/// Returns the height of each half of an arc over its own chord, mm, from the height of the arc over its
-/// chord and the cosine of half the angle travelled.
-///
-/// With half the angle φ and the radius r the height is r(1 - cos φ), and that of a half r(1 - cos φ/2). As
-/// 1 - cos φ = 2(1 - cos² φ/2), their ratio is 1 / (2 + 2cos φ/2): from 0.25 of a flat arc to 0.293 of half a
-/// turn. A helix rises in proportion to its angle, so that its middles are the farthest, too.
-fn half_height_mm(height_mm: f32, cosine: f32) -> f32 {
-    let half_cosine = math::sqrt(0.5 + 0.5 * cosine);
-    0.5 * height_mm / (1.0 + half_cosine)
-}
-
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::*;
-    use crate::{model::Plane, units::MicroDegrees};
-
-    /// Returns an arc in XY from the origin, its displacement, and the exact distance of the two lines
-    /// through its middle, mm.
-    fn arc(radius_mm: f64, start: f64, sweep: f64) -> (Circle, Axes<Nm>, f64) {
-        let mm = |[x, y]: [f64; 2]| [x, y].map(Nm::from_mm_f64);
-        let at = |angle: f64| [radius_mm * angle.cos(), radius_mm * angle.sin()];
-        let ([x, y], [end_x, end_y]) = (at(start), at(start + sweep));
-        let mut displacement = Axes([Nm(0); AXES]);
-        [displacement[0], displacement[1]] = mm([end_x - x, end_y - y]);
-        let circle = Circle {
-            plane: Plane::Xy,
-            centre: mm([-x, -y]),
-            rotation: if sweep > 0.0 {
-                Rotation::CounterClockwise
-            } else {
-                Rotation::Clockwise
-            },
-            turns: 1,
-            tilt: MicroDegrees::ZERO,
-        };
-        (
-            circle,
-            displacement,
-            radius_mm * (1.0 - (0.25 * sweep).cos()),
-        )
-    }
-
-    proptest! {
-        #![proptest_config(crate::cases(64))]
-
-        #[test]
-        fn two_lines_are_as_far_from_an_arc_as_they_are_told_to_be(
-            radius_mm in 0.1..100.0_f64,
-            start in 0.0..core::f64::consts::TAU,
-            sweep in prop_oneof![0.02..3.1_f64, 3.0..3.13_f64],
-            is_clockwise: bool,
-        ) {
-            let sweep = if is_clockwise { -sweep } else { sweep };
-            let (circle, displacement, exact_mm) = arc(radius_mm, start, sweep);
-            let (middle, error_mm) = flat_arc_middle(&circle, &displacement, 1.0e3).unwrap();
-            let error_mm = f64::from(error_mm);
-            // Single precision, and whole nanometres.
-            let rounding_mm = 1.0e-6 * radius_mm + 5.0e-6;
-            prop_assert!((error_mm - exact_mm).abs() < rounding_mm, "{error_mm} of {exact_mm} mm");
-            let [x, y] = [middle[0] - circle.centre[0], middle[1] - circle.centre[1]]
-                .map(Nm::to_mm_f64);
-            prop_assert!((x.hypot(y) - radius_mm).abs() < rounding_mm);
-        }
-    }
-
-    #[test]
-    fn an_arc_whose_radii_differ_by_more_than_the_distance_stays_an_arc() {
-        let (circle, mut displacement, _) = arc(10.0, 0.5, 0.02);
-        assert!(flat_arc_middle(&circle, &displacement, 2.0e-3).is_some());
-        // Away from the centre, 4 µm.
-        for (axis, angle) in [(0, 0.52_f64.cos()), (1, 0.52_f64.sin())] {
-            displacement[axis] = displacement[axis] + Nm::from_mm_f64(4.0e-3 * angle);
-        }
-        assert_eq!(flat_arc_middle(&circle, &displacement, 2.0e-3), None);
-    }
+    let mut tangent = Axes([0.0; AXES]);
+    tangent[first] = centre[1] * per_mm;
+    tangent[second] = -centre[0] * per_mm;
+    Some(tangent)
 }

@@ -42,8 +42,7 @@ impl Router {
             .reversals
             .iter()
             .filter(|part| **part != SpatialArc::NEVER);
-        let shortest_s = Limits::MIN_CORNER_ARC_S
-            .max(0.5 * Limits::MIN_CORNER_ARC_S * (1 + reversals.count()) as f32);
+        let shortest_s = Limits::shortest_corner_arc_s(reversals.count(), true);
         let limit_mm_s = limits.curve_mm_s(
             Limits::along(&limits.speed_mm_s, &shares),
             &steps_per_mm,

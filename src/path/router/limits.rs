@@ -38,7 +38,12 @@ pub(crate) struct Limits {
 
 impl Limits {
     /// Shortest time for a corner arc, s.
-    pub(crate) const MIN_CORNER_ARC_S: f32 = super::arc::MIN_ARC_S;
+    pub(super) const MIN_CORNER_ARC_S: f32 = super::arc::MIN_ARC_S;
+    /// Duration of a line that leaves the greatest slack for an arc after it, s: `motion/segment_rate.rs`.
+    pub(crate) const RESTING_S: f32 = 3.5e-3;
+    /// Shortest time for a corner arc without slack, s, and what each section after the first adds.
+    const LONE_CORNER_ARC_S: f32 = 4.0e-3;
+    const SECTION_S: f32 = 1.2e-3;
 
     pub(super) fn new(settings: &Settings) -> Self {
         let step_rate = settings.greatest_step_rate_hz();
@@ -116,6 +121,12 @@ impl Limits {
         }
     }
 
+    /// Returns the greatest speed along an arc for the axes with their greatest shares, mm/s.
+    pub(crate) fn arc_mm_s(&self, shares: &Axes<f32>) -> f32 {
+        let steps_per_mm = shares.zip(self.steps_per_mm, |share, steps| share * steps);
+        Self::along(&self.speed_mm_s, shares).min(self.step_rate_mm_s(&steps_per_mm))
+    }
+
     /// Returns the greatest speed on a curve, mm/s: `speed_mm_s`, the step rate of all axes together, the
     /// centripetal limit and the shortest time for the curve.
     pub(super) fn curve_mm_s(
@@ -135,6 +146,22 @@ impl Limits {
     pub(crate) fn line_mm_s(&self, feed_rate: FeedRate, direction: &Axes<f32>) -> f32 {
         let limit_mm_s = Self::along(&self.speed_mm_s, &self.motors_of(*direction));
         math::min(programmed_mm_s(feed_rate, 0.0, limit_mm_s), limit_mm_s)
+    }
+
+    /// Returns the shortest time for a corner arc on which so many axes reverse, s; `has_slack` after a line that lasts
+    /// [`Self::RESTING_S`] at least.
+    pub(crate) fn shortest_corner_arc_s(reversals: usize, has_slack: bool) -> f32 {
+        if has_slack {
+            let sections = (1 + reversals) as f32;
+            Self::MIN_CORNER_ARC_S.max(0.5 * Self::MIN_CORNER_ARC_S * sections)
+        } else {
+            Self::LONE_CORNER_ARC_S + Self::SECTION_S * reversals.saturating_sub(1) as f32
+        }
+    }
+
+    /// Returns the acceleration along a line, mm/s².
+    pub(crate) fn line_acceleration_mm_s2(&self, direction: &Axes<f32>) -> f32 {
+        self.acceleration_along(&self.motors_of(*direction))
     }
 
     /// Returns whether an axis with backlash reverses between two directions: the machine stops there.
