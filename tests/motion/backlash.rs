@@ -228,13 +228,17 @@ fn parts_of_an_arc_take_the_inverse_time_together() {
 
 #[test]
 fn corners_in_which_no_axis_with_play_reverses_are_rounded_under_g64_and_others_exact() {
-    let corners = [[30.0, 10.0], [40.0, 40.0], [10.0, 50.0], [0.0, 20.0]];
-    let commands: Vec<_> = corners.iter().map(|corner| line(corner, 4000.0)).collect();
+    let mut at = [0.0_f64; 2];
+    let commands = [20.0_f64, 70.0, 110.0, 160.0, 200.0].map(|degrees| {
+        let (sine, cosine) = degrees.to_radians().sin_cos();
+        at = [at[0] + 20.0 * cosine, at[1] + 20.0 * sine];
+        line(&at, 4000.0)
+    });
     for (backlash_mm, rounded) in [
-        ([0.0; 3], 3),
-        ([0.1, 0.0, 0.0], 2),
-        ([0.0, 0.1, 0.0], 2),
-        ([0.1, 0.1, 0.0], 1),
+        ([0.0; 3], 4),
+        ([0.1, 0.0, 0.0], 3),
+        ([0.0, 0.1, 0.0], 3),
+        ([0.1, 0.1, 0.0], 2),
     ] {
         let settings = loose(backlash_mm, false);
         let mut rig = Rig::new(&settings);
