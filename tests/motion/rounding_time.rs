@@ -11,9 +11,18 @@ use leadscrew::{
 };
 use proptest::prelude::*;
 
-/// Part of a program's time by which its measurement may be longer, and what its segments add, s.
-const MEASURED_PART: f64 = 1.0e-3;
+/// What the segments of a program may add to its time, s.
 const MEASURED_S: f64 = 2.0e-3;
+
+/// Part of its time by which a program may take longer: ramps of merged lines, which keep 99 % of the acceleration.
+/// With limits of jerk the look-ahead has less room within fewer lines.
+fn longest_part(settings: &Settings) -> f64 {
+    if settings.jerk_mm_s3[0] > 0.0 {
+        0.01
+    } else {
+        0.001
+    }
+}
 
 /// The time of the motion as the pins show it, s.
 fn seconds(settings: &Settings, control: PathControl, commands: &[Command]) -> f64 {
@@ -191,7 +200,7 @@ fn corpus() -> Vec<(&'static str, Vec<Command>)> {
 fn check(settings: &Settings, control: PathControl, commands: &[Command]) -> Result<f64, String> {
     let exact = seconds(settings, PathControl::ExactPath, commands);
     let rounded = seconds(settings, control, commands);
-    if rounded <= exact * (1.0 + MEASURED_PART) + MEASURED_S {
+    if rounded <= exact * (1.0 + longest_part(settings)) + MEASURED_S {
         Ok(rounded / exact)
     } else {
         Err(format!("{rounded} s instead of {exact} s, {control:?}"))
@@ -203,9 +212,7 @@ fn check_corpus(jerk_mm_s3: f32) {
     for (name, commands) in corpus() {
         for (tolerance_mm, merging_mm) in [(0.05, 0.05), (0.2, 0.0), (0.01, 0.01)] {
             let control = continuous(tolerance_mm, merging_mm);
-            let part = check(&settings, control, &commands);
-            println!("{name}, {tolerance_mm}: {part:?}");
-            if let Err(slower) = part {
+            if let Err(slower) = check(&settings, control, &commands) {
                 panic!("{name}: {slower}");
             }
         }
@@ -257,18 +264,20 @@ fn machines() -> impl Strategy<Value = Settings> {
     let acceleration = 50.0..2000.0_f32;
     let accelerations = (any::<bool>(), prop::array::uniform3(acceleration));
     let deviation = prop::sample::select(vec![0.01_f32, 0.01, 0.002, 0.05]);
-    (accelerations, deviation).prop_map(|((is_even, accelerations), deviation)| {
+    let jerk = prop::sample::select(vec![0.0_f32, 0.0, 0.0, 0.0, 10_000.0, 50_000.0]);
+    (accelerations, deviation, jerk).prop_map(|((is_even, accelerations), deviation, jerk)| {
         let [x, ..] = accelerations;
         let accelerations = if is_even { [x; 3] } else { accelerations };
         Settings {
             junction_deviation_mm: deviation,
+            jerk_mm_s3: Axes::all(jerk),
             ..with(&[80.0], &[5000.0, 5000.0, 2000.0], &accelerations)
         }
     })
 }
 
 proptest! {
-    #![proptest_config(cases(500))]
+    #![proptest_config(cases(750))]
 
     #[test]
     fn no_random_program_takes_longer_with_rounded_corners(

@@ -43,10 +43,14 @@ const MIN_COSINE_SQR: f32 = 1.0e-3;
 const MAX_RADIUS_STEPS: f32 = 2_000_000.0;
 /// Part of the tolerance that is used: the remainder is for rounding in single precision.
 const TOLERANCE_PART: f32 = 0.9999;
-/// Speeds that what comes after a corner may allow: of none to of no limit, in so many equal parts of the square.
-const EXIT_SPEEDS: u8 = 2;
+/// The next moves may allow any speed at the end of the line after a corner: from none to no limit, so many are tried
+/// besides the first.
+const EXIT_SPEEDS: u32 = 2;
+/// Factor on the time for a change of speed with a limit of jerk. The acceleration has to change, too, for which no time
+/// is known here: then an arc hardly begins or ends more slowly than the exact path, and counts as passed at one speed.
+const JERK_LIMITED_SLOWNESS: f32 = 1.0e3;
 /// Stretches of a trimmed line, and twice as many of an arc, for which a speed each is computed.
-const STRETCHES: u8 = 4;
+const STRETCHES: u32 = 4;
 
 /// The corner of two lines.
 pub(super) struct Corner<'a> {
@@ -123,11 +127,17 @@ impl<'a> Corner<'a> {
         let reversals = (0..LINEAR).filter(|axis| from[*axis] * to[*axis] < 0.0);
         let shortest_s = Limits::shortest_corner_arc_s(reversals.count(), has_slack);
         let axes_mm_s = math::min(limits.arc_mm_s(&shares), length_mm / shortest_s);
+        let (angle_per_mm, slowness) = if limits.is_jerk_limited() {
+            (0.0, JERK_LIMITED_SLOWNESS)
+        } else {
+            (2.0 / radius_mm, 1.0)
+        };
         let arc = ArcProfile {
             length_mm,
             trimmed_mm: radius_mm * angle.half_tangent(),
             limit_sqr: acceleration * radius_mm,
-            angle_per_mm: 2.0 / radius_mm,
+            angle_per_mm,
+            slowness,
             top_sqr: math::min(
                 math::min(self.wanted_sqr, axes_mm_s * axes_mm_s),
                 limits.corner_arc_sqr(&shares, radius_mm, acceleration),
@@ -212,6 +222,8 @@ struct ArcProfile {
     angle_per_mm: f32,
     /// Limit of the squared speed, (mm/s)².
     top_sqr: f32,
+    /// Factor on the time for a change of speed outside the arc.
+    slowness: f32,
 }
 
 impl ArcProfile {
@@ -222,12 +234,18 @@ impl ArcProfile {
         let change_sqr = after.change_sqr(self.trimmed_mm);
         let least_sqr = after.corner_sqr;
         let most_sqr = change_sqr + math::max(junction_sqr + change_sqr, self.top_sqr);
-        let parts = if least_sqr < most_sqr { EXIT_SPEEDS } else { 0 };
-        (0..=parts).all(|number| {
-            let part = f32::from(number) * (1.0 / f32::from(EXIT_SPEEDS));
-            let corner_sqr = least_sqr + part * (most_sqr - least_sqr);
-            self.saved_s(sides, junction_sqr, [before.corner_sqr, corner_sqr]) >= 0.0
-        })
+        for number in 0..=EXIT_SPEEDS {
+            let part = number as f32 * (1.0 / EXIT_SPEEDS as f32);
+            let corner_sqr = least_sqr + part * math::max(most_sqr - least_sqr, 0.0);
+            let saved_s = self.saved_s(sides, junction_sqr, [before.corner_sqr, corner_sqr]);
+            if saved_s < 0.0 {
+                return false;
+            }
+            if least_sqr >= most_sqr {
+                break;
+            }
+        }
+        true
     }
 
     /// Returns the time that the arc saves at least, s, with the squared speeds at the corner for each line alone.
@@ -250,18 +268,18 @@ impl ArcProfile {
         let ends = [speed(0.0), speed(1.0)];
         let mut per_speed = 0.5 * (1.0 / ends[0] + 1.0 / ends[1]);
         for number in 1..2 * STRETCHES {
-            per_speed += 1.0 / speed(f32::from(number) * (0.5 / f32::from(STRETCHES)));
+            per_speed += 1.0 / speed(number as f32 * (0.5 / STRETCHES as f32));
         }
-        let mut saved_s = -per_speed * self.length_mm * (0.5 / f32::from(STRETCHES));
+        let mut saved_s = -per_speed * self.length_mm * (0.5 / STRETCHES as f32);
         let exact_sqr = math::min(junction_sqr, math::min(corner_sqr[0], corner_sqr[1]));
-        let stretch_mm = self.trimmed_mm * (1.0 / f32::from(STRETCHES));
+        let stretch_mm = self.trimmed_mm * (1.0 / STRETCHES as f32);
         for ((side, corner_sqr), end_mm_s) in sides.iter().zip(corner_sqr).zip(ends) {
             let exact = |mm: f32| side.exact_mm_s(mm, exact_sqr, corner_sqr);
             for number in 0..STRETCHES {
-                saved_s += stretch_mm / exact((f32::from(number) + 0.5) * stretch_mm);
+                saved_s += stretch_mm / exact((number as f32 + 0.5) * stretch_mm);
             }
             let slower_mm_s = math::max(exact(self.trimmed_mm) - end_mm_s, 0.0);
-            saved_s -= slower_mm_s / side.acceleration_mm_s2;
+            saved_s -= self.slowness * slower_mm_s / side.acceleration_mm_s2;
         }
         saved_s
     }

@@ -159,6 +159,11 @@ impl Limits {
         }
     }
 
+    /// Returns true if an axis has a jerk limit.
+    pub(crate) fn is_jerk_limited(&self) -> bool {
+        self.window.is_jerk_limited()
+    }
+
     /// Returns the acceleration along a line, mm/s².
     pub(crate) fn line_acceleration_mm_s2(&self, direction: &Axes<f32>) -> f32 {
         self.acceleration_along(&self.motors_of(*direction))
