@@ -43,9 +43,8 @@ const MIN_COSINE_SQR: f32 = 1.0e-3;
 const MAX_RADIUS_STEPS: f32 = 2_000_000.0;
 /// Part of the tolerance that is used: the remainder is for rounding in single precision.
 const TOLERANCE_PART: f32 = 0.9999;
-/// The next moves may allow any speed at the end of the line after a corner: from none to no limit, so many are tried
-/// besides the first.
-const EXIT_SPEEDS: u32 = 2;
+/// The next moves may allow any speed at the end of the line after a corner, from none to no limit: so many are tried.
+const EXIT_SPEEDS: u32 = 3;
 /// Factor on the time for a change of speed with a limit of jerk. The acceleration has to change, too, for which no time
 /// is known here: then an arc hardly begins or ends more slowly than the exact path, and counts as passed at one speed.
 const JERK_LIMITED_SLOWNESS: f32 = 1.0e3;
@@ -234,8 +233,8 @@ impl ArcProfile {
         let change_sqr = after.change_sqr(self.trimmed_mm);
         let least_sqr = after.corner_sqr;
         let most_sqr = change_sqr + math::max(junction_sqr + change_sqr, self.top_sqr);
-        for number in 0..=EXIT_SPEEDS {
-            let part = number as f32 * (1.0 / EXIT_SPEEDS as f32);
+        for number in 0..EXIT_SPEEDS {
+            let part = number as f32 * (1.0 / (EXIT_SPEEDS - 1) as f32);
             let corner_sqr = least_sqr + part * math::max(most_sqr - least_sqr, 0.0);
             let saved_s = self.saved_s(sides, junction_sqr, [before.corner_sqr, corner_sqr]);
             if saved_s < 0.0 {
