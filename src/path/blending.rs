@@ -209,7 +209,10 @@ impl Blender {
 
     /// Outputs everything that is held back, then a command unchanged.
     fn pass(&mut self, limits: &Limits, command: &Command) {
-        self.end_lines(limits, Follower::of(command));
+        let follower = self
+            .position()
+            .map_or(Follower::Unknown, |from| Follower::of(command, &from));
+        self.end_lines(limits, follower);
         self.output(BlendOutput::Command(*command));
     }
 

@@ -57,10 +57,12 @@ pub(super) enum Follower {
 }
 
 impl Follower {
-    /// What a command is that cannot be merged.
-    pub(super) fn of(command: &Command) -> Self {
+    /// What a command is that cannot be merged, from the end of the lines.
+    pub(super) fn of(command: &Command, from: &Axes<Nm>) -> Self {
         match command {
-            Command::Arc { circle, .. } => tangent(circle).map_or(Self::Unknown, Self::Move),
+            Command::Arc { target, circle, .. } => {
+                tangent(circle, from, &target.position).map_or(Self::Unknown, Self::Move)
+            }
             _ => Self::Unknown,
         }
     }
@@ -270,12 +272,14 @@ fn is_passed_as_fast(sqr: f32, programmed_sqr: f32, line_mm_s: f32) -> bool {
     sqr >= math::min(programmed_sqr, line_mm_s * line_mm_s)
 }
 
-/// Returns the direction in which an arc begins, if it is no helix; `None` for an arc in a tilted plane.
-fn tangent(circle: &Circle) -> Option<Axes<f32>> {
+/// Returns the direction in which an arc begins; `None` for one that moves other axes than two, too.
+fn tangent(circle: &Circle, from: &Axes<Nm>, target: &Axes<Nm>) -> Option<Axes<f32>> {
     let (first, second, _) = circle.plane.axes();
+    let is_planar =
+        (0..AXES).all(|axis| axis == first || axis == second || target[axis] == from[axis]);
     let centre = circle.centre.map(Nm::to_mm);
     let radius_mm = math::sqrt(math::dot(&centre, &centre));
-    if radius_mm <= 0.0 || circle.tilt != MicroDegrees::ZERO {
+    if radius_mm <= 0.0 || !is_planar || circle.tilt != MicroDegrees::ZERO {
         return None;
     }
     let per_mm = match circle.rotation {
