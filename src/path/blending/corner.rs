@@ -41,6 +41,8 @@ const MIN_COSINE_SQR: f32 = 1.0e-3;
 /// Most steps of a radius: the points of a [`SpatialArc`](crate::path::SpatialArc) of 30 binary places have
 /// an error of 2⁻⁹ steps then.
 const MAX_RADIUS_STEPS: f32 = 2_000_000.0;
+/// Shortest time for the rest of a line between two arcs, s: the mean of segments.
+const SHORTEST_REST_S: f32 = 0.7e-3;
 /// Part of the tolerance that is used: the remainder is for rounding in single precision.
 const TOLERANCE_PART: f32 = 0.9999;
 /// The next moves may allow any speed at the end of the line after a corner, from none to no limit: so many are tried.
@@ -118,9 +120,7 @@ impl<'a> Corner<'a> {
                 limits.radius_mm(MAX_RADIUS_STEPS),
             ),
         );
-        if radius_mm <= 0.0 {
-            return None;
-        }
+        let radius_mm = before.fitted_mm(radius_mm, angle.half_tangent(), &self.sides[0])?;
         let length_mm = radius_mm * angle.radians();
         let has_slack = before.left_mm() - half_mm >= Limits::RESTING_S * self.sides[0].speed_mm_s;
         let reversals = (0..LINEAR).filter(|axis| from[*axis] * to[*axis] < 0.0);
@@ -168,6 +168,19 @@ impl PendingLine {
     fn left_mm(&self) -> f32 {
         let left = linear_mm(&self.start, &self.target.position);
         math::sqrt(math::dot(&left, &left))
+    }
+
+    /// Returns the radius, or a smaller one of which the rest of the line is no short segment, mm; `None` without a rest.
+    fn fitted_mm(&self, radius_mm: f32, half_tangent: f32, side: &CornerSide) -> Option<f32> {
+        let left_mm = self.left_mm();
+        let least_mm = SHORTEST_REST_S * side.speed_mm_s;
+        let rest_mm = left_mm - radius_mm * half_tangent;
+        let fitted_mm = if rest_mm >= least_mm || rest_mm <= 1.0e-6 * ROUNDING_NM as f32 {
+            radius_mm
+        } else {
+            (left_mm - least_mm) / half_tangent
+        };
+        (fitted_mm > 0.0).then_some(fitted_mm)
     }
 }
 
