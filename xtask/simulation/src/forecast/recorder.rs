@@ -13,13 +13,13 @@ use crate::{
 use anyhow::{Result, bail};
 use grbl_client::meaning::{self, LineOfAlarm};
 use leadscrew::{
-    axis::AXES,
+    axis::{AXES, Axes},
     gcode::LineError,
     machine::Snapshot,
     model::{Alarm, PathControl},
     settings::Settings,
     sim::{Edge, PlayedSegment, SegmentKind, Simulator, Stream, StreamEnd, Watcher},
-    units::TICKS_PER_SECOND,
+    units::{Nm, TICKS_PER_SECOND},
 };
 
 /// Entries that path control and cutter compensation may still make of the moves that wait for the next one
@@ -50,6 +50,8 @@ pub(super) struct Recorder<'a> {
     pending: Vec<u32>,
     /// Where the machine has been stopped, and how near that is: mm or degrees.
     place: Option<(&'a [f64], f64)>,
+    /// Where the segment begins that is being played, mm or degrees, and the line of it.
+    segment: (Axes<f64>, Option<usize>),
     forecast: Forecast,
     /// Refused lines, counted from 0, with the number of the error.
     refused: Vec<(usize, u16)>,
@@ -75,6 +77,7 @@ impl<'a> Recorder<'a> {
                 let is_in_inches = simulator.session().settings().report_inches;
                 (place, if is_in_inches { 25.4 } else { 1.0 })
             }),
+            segment: (Axes::all(0.0), None),
             forecast: Forecast {
                 times: LineTimes {
                     probing: lines.iter().position(|line| probes(line)),
@@ -172,22 +175,28 @@ impl<'a> Recorder<'a> {
         format!("line {} ({})", line + 1, shown(text))
     }
 
-    /// Notes that the machine is where the real one has been stopped.
+    /// Notes that the machine passes the place where the real one has been stopped: of a segment, its ends are known.
     fn pass(&mut self, snapshot: &Snapshot, settings: &Settings) {
         let Some((place, unit_mm)) = self.place else {
             return;
         };
-        let position = settings.position_of(snapshot.steps);
-        let is_near = |axis: usize, value: &f64| {
-            let step_mm = 1e6 / settings.steps_per_mm[axis].millionths() as f64;
-            (position[axis].to_mm_f64() - value * unit_mm).abs() <= step_mm + SHOWN_MM
+        let end_mm = settings.position_of(snapshot.steps).map(Nm::to_mm_f64);
+        let next = self.forecast.times.begun.last().map(|(_, line)| *line);
+        let (start_mm, line) = core::mem::replace(&mut self.segment, (end_mm, next));
+        let moved_mm = end_mm.zip(start_mm, |end, start| end - start);
+        let product = |one: &Axes<f64>, other: &Axes<f64>| -> f64 {
+            one.iter().zip(other).map(|(one, other)| one * other).sum()
         };
-        let line = self.forecast.times.begun.last().map(|(_, line)| *line);
-        if self.forecast.passing.last() != line.as_ref()
-            && (0..AXES)
-                .zip(place)
-                .all(|(axis, value)| is_near(axis, value))
-        {
+        let place_mm =
+            Axes::from_fn(|axis| place.get(axis).map_or(end_mm[axis], |at| at * unit_mm));
+        let from_start = place_mm.zip(start_mm, |place, start| place - start);
+        let length_sqr = product(&moved_mm, &moved_mm).max(f64::MIN_POSITIVE);
+        let share = (product(&from_start, &moved_mm) / length_sqr).clamp(0.0, 1.0);
+        let is_near = |axis: usize| {
+            let step_mm = 1e6 / settings.steps_per_mm[axis].millionths() as f64;
+            (share * moved_mm[axis] - from_start[axis]).abs() <= step_mm + SHOWN_MM
+        };
+        if self.forecast.passing.last() != line.as_ref() && (0..AXES).all(is_near) {
             self.forecast.passing.extend(line);
         }
     }

@@ -17,7 +17,7 @@ fn quality_is_measured_where_it_is_asked_for() {
     let [program, json, plot] = [program, json, plot].map(|path| path.display().to_string());
     let typed = |more: &[&str]| {
         let fixed = [
-            "sim", &program, "--set", "$120=500", "--set", "$121=500", "--json", &json,
+            "sim", &program, "--set", "$120=200", "--set", "$121=200", "--json", &json,
         ];
         let line = fixed.iter().chain(more);
         run(&Options::try_parse_from(line).unwrap()).unwrap();
@@ -32,11 +32,11 @@ fn quality_is_measured_where_it_is_asked_for() {
         assert_eq!(axis["axis"], letter);
         assert!(number(&axis["interval_error"]["rms"]) < 0.02, "{axis}");
         let acceleration = number(&axis["acceleration_mm_s2"]["value"]);
-        assert!((480.0..520.0).contains(&acceleration), "{axis}");
-        assert_eq!(axis["acceleration_limit_mm_s2"], 500.0);
+        assert!((190.0..210.0).contains(&acceleration), "{axis}");
+        assert_eq!(axis["acceleration_limit_mm_s2"], 200.0);
         assert!(number(&axis["jerk_mm_s3"]["value"]) > 0.0);
     }
-    assert!(number(&quality["path"]["acceleration_mm_s2"]["value"]) > 480.0);
+    assert!(number(&quality["path"]["acceleration_mm_s2"]["value"]) > 190.0);
     let deviation = &quality["deviation"];
     assert!(number(&deviation["hausdorff_mm"]) < 1.3 * number(&deviation["floor_mm"]));
     // A right angle, and an arc that begins along the second line.
