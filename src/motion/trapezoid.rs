@@ -47,7 +47,7 @@ const MIN_ACCELERATION_MM_S2: f32 = 1.0e-3;
 const MIN_ACCELERATION_SHARE: f32 = 1.0e-4;
 /// Duration of a remaining section, at the greatest speed, from which more than two segments follow the next one, as a
 /// part of a nominal and the longest segment: 1 % above the bound, for rounding.
-const FAR_FROM_END: f32 = 1.01;
+const FAR_FROM_END_FACTOR: f32 = 1.01;
 /// Factor on the braking distance that surely covers rounding: a far segment equals the segment by
 /// [`Executor::braking_profile`] (an assertion of debug builds compares them).
 const BRAKING_RESERVE: f32 = 1.001;
@@ -383,7 +383,7 @@ impl Executor {
         let (speed, block) = (self.speed_mm_s, geometry.block);
         let most = math::max(block.nominal_mm_s, speed);
         let is_far = 2.0 * section.length_mm
-            >= FAR_FROM_END * (times.nominal_s + times.longest_s) * (speed + most);
+            >= FAR_FROM_END_FACTOR * (times.nominal_s + times.longest_s) * (speed + most);
         let seconds = times.nominal_s;
         if self.may_exceed_plan || speed <= 0.0 || !is_far {
             return None;

@@ -22,7 +22,7 @@ use heapless::Vec;
 
 use self::{
     corner::Corner,
-    merge::{Follower, Merger, ProgrammedLine},
+    merge::{Merger, NextMove, ProgrammedLine},
 };
 use super::router::{Limits, PathEnd, to_axes};
 use crate::{
@@ -163,7 +163,7 @@ impl Blender {
         // Commands begin where what is held back ends.
         let from = self.position().unwrap_or(end.position);
         if control != self.control {
-            self.end_lines(limits, Follower::Unknown);
+            self.end_lines(limits, NextMove::Unknown);
             self.control = control;
         }
         let PathControl::Continuous { .. } = control else {
@@ -195,12 +195,12 @@ impl Blender {
 
     /// Outputs everything that is held back: nothing follows for now.
     pub(super) fn flush(&mut self, limits: &Limits) {
-        self.end_lines(limits, Follower::Standstill);
+        self.end_lines(limits, NextMove::Standstill);
     }
 
     /// Outputs everything that is held back.
-    fn end_lines(&mut self, limits: &Limits, follower: Follower) {
-        self.settle(limits, follower);
+    fn end_lines(&mut self, limits: &Limits, next_move: NextMove) {
+        self.settle(limits, next_move);
         self.end_merged_line(limits);
         if let Some(line) = self.pending.take() {
             self.output_line(line.start, line.target, &line);
@@ -209,10 +209,10 @@ impl Blender {
 
     /// Outputs everything that is held back, then a command unchanged.
     fn pass(&mut self, limits: &Limits, command: &Command) {
-        let follower = self
+        let next_move = self
             .position()
-            .map_or(Follower::Unknown, |from| Follower::of(command, &from));
-        self.end_lines(limits, follower);
+            .map_or(NextMove::Unknown, |from| NextMove::of(command, &from));
+        self.end_lines(limits, next_move);
         self.output(BlendOutput::Command(*command));
     }
 
@@ -229,7 +229,7 @@ impl Blender {
         (from, tangent): (Axes<Nm>, Axes<f32>),
         line: &ProgrammedLine,
     ) {
-        self.settle(limits, Follower::Move(line.direction));
+        self.settle(limits, NextMove::Direction(line.direction));
         let merging_mm = self.merging_mm();
         let is_feed = matches!(line.feed_rate, FeedRate::Feed(_));
         if is_feed && self.merger.extend(limits, line, merging_mm) {
@@ -243,8 +243,8 @@ impl Blender {
     }
 
     /// Ends the merged line before its last one, if the corner to what follows would become slower.
-    fn settle(&mut self, limits: &Limits, follower: Follower) {
-        let Some(last) = self.merger.take_last_before(limits, follower) else {
+    fn settle(&mut self, limits: &Limits, next_move: NextMove) {
+        let Some(last) = self.merger.take_last_before(limits, next_move) else {
             return;
         };
         if let Some(from) = self.position() {

@@ -114,7 +114,7 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
         pass: profile::cost_of(&replanned.whole, &elf, &PASS)?.per(blocks.div_ceil(100)),
     };
     let figures = figures::all([&one, &three, &lines, &raster], parts)?;
-    let errors = intervals::errors(&workload::three_axes(), MOST_HZ)?;
+    let errors = intervals::interval_errors(&workload::three_axes(), MOST_HZ)?;
     let page = Page::new(&figures, errors, &board.name, &compiler(&elf)?);
     output(&figures, errors, &page, &one.whole.model, options)
 }
@@ -135,7 +135,7 @@ fn output(
     figures::print(figures);
     println!(
         "{}: {}",
-        page::OF_INTERVALS,
+        page::INTERVAL_ERROR_LABEL,
         page::percents(interval_errors)
     );
     if options.write {

@@ -21,7 +21,8 @@
 //! Where the arc begins or ends more slowly than the exact path is at the same place, the machine has to brake earlier, or
 //! has to accelerate later: that takes the difference of the speeds divided by the acceleration at most. An arc is in the
 //! place of a corner only if both times together are no longer than the time on the trimmed lines, whatever comes after:
-//! [`ArcProfile::is_no_slower`]. So no plan is slower with rounded corners, whatever the other corners are.
+//! [`ArcProfile::is_no_slower`]. So without limits of jerk no plan is slower with rounded corners, whatever the other
+//! corners are. A line before which nothing is held back counts as begun from a standstill, also where it is not.
 
 use super::{CornerArc, PendingLine, linear_mm};
 use crate::{
@@ -49,9 +50,9 @@ const TOLERANCE_PART: f32 = 0.9999;
 const EXIT_SPEEDS: u32 = 3;
 /// Factor on the time for a change of speed with a limit of jerk. The acceleration has to change, too, for which no time
 /// is known here: then an arc hardly begins or ends more slowly than the exact path, and counts as passed at one speed.
-const JERK_LIMITED_SLOWNESS: f32 = 1.0e3;
+const JERK_LIMITED_PENALTY: f32 = 1.0e3;
 /// Stretches of a trimmed line, and twice as many of an arc, for which a speed each is computed.
-const STRETCHES: u32 = 4;
+const SPEED_SAMPLES: u32 = 4;
 
 /// The corner of two lines.
 pub(super) struct Corner<'a> {
@@ -65,7 +66,7 @@ pub(super) struct Corner<'a> {
 
 /// A rounded corner.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Rounding {
+pub(super) struct RoundedCorner {
     /// End of the line before, start of the arc.
     pub(super) start: Axes<Nm>,
     pub(super) arc: CornerArc,
@@ -101,7 +102,7 @@ impl<'a> Corner<'a> {
 
     /// Returns the corner with an arc within a tolerance of the programmed path; `None` where that might be slower than
     /// the exact corner.
-    pub(super) fn rounded(&self, limits: &Limits, tolerance_mm: f32) -> Option<Rounding> {
+    pub(super) fn rounded(&self, limits: &Limits, tolerance_mm: f32) -> Option<RoundedCorner> {
         let (before, after) = (self.before, self.after);
         let [from, to] = [&self.sides[0].direction, &self.sides[1].direction];
         if self.wanted_sqr <= self.junction_sqr || limits.reverses_backlash(from, to) {
@@ -122,12 +123,13 @@ impl<'a> Corner<'a> {
         );
         let radius_mm = before.fitted_mm(radius_mm, angle.half_tangent(), &self.sides[0])?;
         let length_mm = radius_mm * angle.radians();
-        let has_slack = before.left_mm() - half_mm >= Limits::RESTING_S * self.sides[0].speed_mm_s;
+        let has_slack =
+            before.left_mm() - half_mm >= Limits::FULL_SLACK_LINE_S * self.sides[0].speed_mm_s;
         let reversals = (0..LINEAR).filter(|axis| from[*axis] * to[*axis] < 0.0);
         let shortest_s = Limits::shortest_corner_arc_s(reversals.count(), has_slack);
         let axes_mm_s = math::min(limits.arc_mm_s(&shares), length_mm / shortest_s);
-        let (angle_per_mm, slowness) = if limits.is_jerk_limited() {
-            (0.0, JERK_LIMITED_SLOWNESS)
+        let (angle_per_mm, penalty) = if limits.is_jerk_limited() {
+            (0.0, JERK_LIMITED_PENALTY)
         } else {
             (2.0 / radius_mm, 1.0)
         };
@@ -136,7 +138,7 @@ impl<'a> Corner<'a> {
             trimmed_mm: radius_mm * angle.half_tangent(),
             limit_sqr: acceleration * radius_mm,
             angle_per_mm,
-            slowness,
+            penalty,
             top_sqr: math::min(
                 math::min(self.wanted_sqr, axes_mm_s * axes_mm_s),
                 limits.corner_arc_sqr(&shares, radius_mm, acceleration),
@@ -146,7 +148,7 @@ impl<'a> Corner<'a> {
             return None;
         }
         let corner = before.target.position;
-        Some(Rounding {
+        Some(RoundedCorner {
             start: moved(corner, &before.direction, -arc.trimmed_mm),
             arc: CornerArc {
                 target: moved(corner, &after.direction, arc.trimmed_mm),
@@ -235,7 +237,7 @@ struct ArcProfile {
     /// Limit of the squared speed, (mm/s)².
     top_sqr: f32,
     /// Factor on the time for a change of speed outside the arc.
-    slowness: f32,
+    penalty: f32,
 }
 
 impl ArcProfile {
@@ -266,7 +268,7 @@ impl ArcProfile {
     /// and the rule of midpoints that of the exact path shorter.
     fn saved_s(&self, sides: &[CornerSide; 2], junction_sqr: f32, corner_sqr: [f32; 2]) -> f32 {
         let angle_at =
-            |end: usize| self.angle(corner_sqr[end] - sides[end].change_sqr(self.trimmed_mm));
+            |end: usize| self.angle_of(corner_sqr[end] - sides[end].change_sqr(self.trimmed_mm));
         let angles = [angle_at(0), angle_at(1)];
         let speed = |part: f32| {
             let [passed_mm, left_mm] = [part, 1.0 - part].map(|part| part * self.length_mm);
@@ -274,39 +276,39 @@ impl ArcProfile {
             let backward = angles[1] + self.angle_per_mm * left_mm;
             math::sqrt(math::min(
                 self.top_sqr,
-                self.sqr(math::min(forward, backward)),
+                self.sqr_at(math::min(forward, backward)),
             ))
         };
         let ends = [speed(0.0), speed(1.0)];
         let mut per_speed = 0.5 * (1.0 / ends[0] + 1.0 / ends[1]);
-        for number in 1..2 * STRETCHES {
-            per_speed += 1.0 / speed(number as f32 * (0.5 / STRETCHES as f32));
+        for number in 1..2 * SPEED_SAMPLES {
+            per_speed += 1.0 / speed(number as f32 * (0.5 / SPEED_SAMPLES as f32));
         }
-        let mut saved_s = -per_speed * self.length_mm * (0.5 / STRETCHES as f32);
+        let mut saved_s = -per_speed * self.length_mm * (0.5 / SPEED_SAMPLES as f32);
         let exact_sqr = math::min(junction_sqr, math::min(corner_sqr[0], corner_sqr[1]));
-        let stretch_mm = self.trimmed_mm * (1.0 / STRETCHES as f32);
+        let stretch_mm = self.trimmed_mm * (1.0 / SPEED_SAMPLES as f32);
         for ((side, corner_sqr), end_mm_s) in sides.iter().zip(corner_sqr).zip(ends) {
             let exact = |mm: f32| side.exact_mm_s(mm, exact_sqr, corner_sqr);
-            for number in 0..STRETCHES {
+            for number in 0..SPEED_SAMPLES {
                 saved_s += stretch_mm / exact((number as f32 + 0.5) * stretch_mm);
             }
             let slower_mm_s = math::max(exact(self.trimmed_mm) - end_mm_s, 0.0);
-            saved_s -= self.slowness * slower_mm_s / side.acceleration_mm_s2;
+            saved_s -= self.penalty * slower_mm_s / side.acceleration_mm_s2;
         }
         saved_s
     }
 
     /// Returns the squared speed to which the line before the arc leads at its end, (mm/s)².
     fn reached_sqr(&self, before: &CornerSide) -> f32 {
-        let start = self.angle(before.corner_sqr - before.change_sqr(self.trimmed_mm));
+        let start = self.angle_of(before.corner_sqr - before.change_sqr(self.trimmed_mm));
         math::min(
             self.top_sqr,
-            self.sqr(start + self.angle_per_mm * self.length_mm),
+            self.sqr_at(start + self.angle_per_mm * self.length_mm),
         )
     }
 
     /// Returns the angle z of a squared speed, rad.
-    fn angle(&self, sqr: f32) -> f32 {
+    fn angle_of(&self, sqr: f32) -> f32 {
         math::asin(math::min(
             math::max(sqr, f32::MIN_POSITIVE) / self.limit_sqr,
             1.0,
@@ -314,7 +316,7 @@ impl ArcProfile {
     }
 
     /// Returns the squared speed of an angle z, (mm/s)².
-    fn sqr(&self, angle: f32) -> f32 {
+    fn sqr_at(&self, angle: f32) -> f32 {
         let sqr = self.limit_sqr * math::sin(math::min(angle, FRAC_PI_2));
         math::max(sqr, f32::MIN_POSITIVE)
     }

@@ -47,21 +47,21 @@ impl ProgrammedLine {
 
 /// What follows the lines that are held back.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Follower {
+pub(super) enum NextMove {
     /// A move that begins in a direction: movement of the axes per mm of path.
-    Move(Axes<f32>),
+    Direction(Axes<f32>),
     /// Nothing for now.
     Standstill,
     /// A move in any direction, or none.
     Unknown,
 }
 
-impl Follower {
+impl NextMove {
     /// What a command is that cannot be merged, from the end of the lines.
     pub(super) fn of(command: &Command, from: &Axes<Nm>) -> Self {
         match command {
             Command::Arc { target, circle, .. } => {
-                tangent(circle, from, &target.position).map_or(Self::Unknown, Self::Move)
+                tangent(circle, from, &target.position).map_or(Self::Unknown, Self::Direction)
             }
             _ => Self::Unknown,
         }
@@ -70,13 +70,13 @@ impl Follower {
 
 /// The lines from the start to one of the ends, as one.
 #[derive(Debug, Clone, Copy)]
-struct Part {
+struct MergedLines {
     last: ProgrammedLine,
     /// Greatest distance of the ends from the line to the last one, mm.
     error_mm: f32,
 }
 
-impl Part {
+impl MergedLines {
     const NONE: Self = Self {
         last: ProgrammedLine::NONE,
         error_mm: 0.0,
@@ -95,8 +95,8 @@ pub(super) struct Merger {
     points: [[f32; LINEAR]; POINTS],
     count: usize,
     /// All lines, and all but the last one.
-    whole: Part,
-    shorter: Part,
+    whole: MergedLines,
+    shorter: MergedLines,
     /// Greatest acceleration of a line, mm/s².
     acceleration_mm_s2: f32,
 }
@@ -109,8 +109,8 @@ impl Merger {
             junction_sqr: 0.0,
             points: [[0.0; LINEAR]; POINTS],
             count: 0,
-            whole: Part::NONE,
-            shorter: Part::NONE,
+            whole: MergedLines::NONE,
+            shorter: MergedLines::NONE,
             acceleration_mm_s2: 0.0,
         }
     }
@@ -146,7 +146,7 @@ impl Merger {
         };
         self.points[0] = linear_mm(&from, &line.target.position);
         self.count = 1;
-        self.whole = Part {
+        self.whole = MergedLines {
             last: *line,
             error_mm: 0.0,
         };
@@ -184,7 +184,7 @@ impl Merger {
         self.points[self.count] = displacement;
         self.count += 1;
         let last = *line;
-        self.shorter = core::mem::replace(&mut self.whole, Part { last, error_mm });
+        self.shorter = core::mem::replace(&mut self.whole, MergedLines { last, error_mm });
         self.acceleration_mm_s2 = acceleration_mm_s2;
         true
     }
@@ -195,24 +195,24 @@ impl Merger {
     pub(super) fn take_last_before(
         &mut self,
         limits: &Limits,
-        follower: Follower,
+        next_move: NextMove,
     ) -> Option<ProgrammedLine> {
-        if self.count < 2 || self.ends_as_fast(limits, follower) {
+        if self.count < 2 || self.ends_as_fast(limits, next_move) {
             return None;
         }
         self.count -= 1;
         Some(core::mem::replace(&mut self.whole, self.shorter).last)
     }
 
-    fn ends_as_fast(&self, limits: &Limits, follower: Follower) -> bool {
+    fn ends_as_fast(&self, limits: &Limits, next_move: NextMove) -> bool {
         let Some(merged) = self.points.get(self.count - 1).and_then(direction) else {
             return true;
         };
         let (merged, last) = (to_axes(&merged), &self.whole.last);
-        match follower {
-            Follower::Standstill => true,
-            Follower::Unknown => limits.junction_sqr(&merged, &last.direction) == f32::MAX,
-            Follower::Move(after) => is_passed_as_fast(
+        match next_move {
+            NextMove::Standstill => true,
+            NextMove::Unknown => limits.junction_sqr(&merged, &last.direction) == f32::MAX,
+            NextMove::Direction(after) => is_passed_as_fast(
                 limits.junction_sqr(&merged, &after),
                 limits.junction_sqr(&last.direction, &after),
                 limits.line_mm_s(last.feed_rate, &merged),
@@ -250,7 +250,7 @@ impl Merger {
     pub(super) fn end_line(&mut self) -> Option<PendingLine> {
         let displacement = *self.points.get(self.count.checked_sub(1)?)?;
         self.count = 0;
-        let Part { last, error_mm } = self.whole;
+        let MergedLines { last, error_mm } = self.whole;
         let length_mm = math::sqrt(math::dot(&displacement, &displacement));
         Some(PendingLine {
             start: self.start,

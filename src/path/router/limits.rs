@@ -40,10 +40,10 @@ impl Limits {
     /// Shortest time for a corner arc, s.
     pub(super) const MIN_CORNER_ARC_S: f32 = super::arc::MIN_ARC_S;
     /// Duration of a line that leaves the greatest slack for an arc after it, s: `motion/segment_rate.rs`.
-    pub(crate) const RESTING_S: f32 = 3.5e-3;
+    pub(crate) const FULL_SLACK_LINE_S: f32 = 3.5e-3;
     /// Shortest time for a corner arc without slack, s, and what each section after the first adds.
-    const LONE_CORNER_ARC_S: f32 = 4.0e-3;
-    const SECTION_S: f32 = 1.2e-3;
+    const MIN_ARC_WITHOUT_SLACK_S: f32 = 4.0e-3;
+    const ADDED_PER_SECTION_S: f32 = 1.2e-3;
 
     pub(super) fn new(settings: &Settings) -> Self {
         let step_rate = settings.greatest_step_rate_hz();
@@ -149,13 +149,14 @@ impl Limits {
     }
 
     /// Returns the shortest time for a corner arc on which so many axes reverse, s; `has_slack` after a line that lasts
-    /// [`Self::RESTING_S`] at least.
+    /// [`Self::FULL_SLACK_LINE_S`] at least.
     pub(crate) fn shortest_corner_arc_s(reversals: usize, has_slack: bool) -> f32 {
         if has_slack {
             let sections = (1 + reversals) as f32;
             Self::MIN_CORNER_ARC_S.max(0.5 * Self::MIN_CORNER_ARC_S * sections)
         } else {
-            Self::LONE_CORNER_ARC_S + Self::SECTION_S * reversals.saturating_sub(1) as f32
+            Self::MIN_ARC_WITHOUT_SLACK_S
+                + Self::ADDED_PER_SECTION_S * reversals.saturating_sub(1) as f32
         }
     }
 

@@ -15,13 +15,13 @@ use super::workload::Workload;
 /// Fast enough that no line is waited for.
 const BAUD: u32 = 1_000_000;
 /// The share of an axis' steps at the beginning and at the end that may be those of ramps.
-const RAMPS: f64 = 0.1;
+const RAMP_SHARE: f64 = 0.1;
 
 /// The times of the steps of the first three axes, ticks.
 #[derive(Default)]
-struct Steps([Vec<u64>; 3]);
+struct StepTimes([Vec<u64>; 3]);
 
-impl Watcher for Steps {
+impl Watcher for StepTimes {
     fn edge(&mut self, edge: &Edge) {
         for (axis, times) in self.0.iter_mut().enumerate() {
             if edge.raise >> axis & 1 != 0 {
@@ -36,23 +36,23 @@ impl Watcher for Steps {
 }
 
 /// Returns the interval error of X, Y and Z, rms, as a part of the interval.
-pub(super) fn errors(workload: &Workload, step_rate_hz: u32) -> Result<[f64; 3]> {
+pub(super) fn interval_errors(workload: &Workload, step_rate_hz: u32) -> Result<[f64; 3]> {
     let mut simulator = Box::new(Simulator::off());
     simulator.switch_on(&Settings::new(StepRate::Proven(step_rate_hz)), None);
     let lines = workload.settings.iter().copied();
     let lines = lines.chain(workload.program.iter().map(String::as_str));
     let text: String = lines.flat_map(|line| [line, "\n"]).collect();
-    let mut steps = Steps::default();
+    let mut steps = StepTimes::default();
     let end = Stream::new(&mut *simulator, text.bytes(), BAUD)
         .with_statements_at_rest()
         .run(&mut steps);
     ensure!(end == StreamEnd::Complete, "{} stops", workload.name);
-    Ok(steps.0.map(|times| error(&times)))
+    Ok(steps.0.map(|times| relative_error(&times)))
 }
 
 /// Returns the error of intervals without those of ramps; 0 where there are none.
-fn error(times: &[u64]) -> f64 {
-    let skipped = (RAMPS * times.len() as f64).ceil() as usize;
+fn relative_error(times: &[u64]) -> f64 {
+    let skipped = (RAMP_SHARE * times.len() as f64).ceil() as usize;
     let steady = times.get(skipped..times.len().saturating_sub(skipped));
     let (Some(steady), Some(intervals)) = (steady, steady.and_then(|of| of.len().checked_sub(1)))
     else {
@@ -75,21 +75,21 @@ mod tests {
     #[test]
     fn the_error_is_that_of_intervals_at_a_constant_rate() {
         let even: Vec<u64> = (0..100).map(|step| 840 * step).collect();
-        assert_eq!(error(&even), 0.0);
+        assert_eq!(relative_error(&even), 0.0);
         // Every other interval is a tenth longer, or shorter.
         let uneven: Vec<u64> = (0..101).map(|step| 840 * step + 84 * (step % 2)).collect();
-        assert!((error(&uneven) - 0.1).abs() < 0.001);
+        assert!((relative_error(&uneven) - 0.1).abs() < 0.001);
         // Ramps do not count.
         let ramps: Vec<u64> = (0..100)
             .map(|step| if step < 5 { 0 } else { 840 * step })
             .collect();
-        assert_eq!(error(&ramps), 0.0);
-        assert_eq!(error(&[]), 0.0);
+        assert_eq!(relative_error(&ramps), 0.0);
+        assert_eq!(relative_error(&[]), 0.0);
     }
 
     #[test]
     fn the_steps_of_the_axis_with_most_are_even() {
-        let [x, y, z] = errors(&workload::three_axes(), 500_000).unwrap();
+        let [x, y, z] = interval_errors(&workload::three_axes(), 500_000).unwrap();
         assert!(x < 0.005 && y < 0.06 && z < 0.06, "{x} {y} {z}");
     }
 }

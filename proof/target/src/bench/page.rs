@@ -36,7 +36,7 @@ const GRBLHAL: [(&str, &str); 7] = [
 ];
 
 /// What the errors of intervals are called.
-pub(super) const OF_INTERVALS: &str = "Interval error of 3 axes at 100, 73, 51 kHz, rms";
+pub(super) const INTERVAL_ERROR_LABEL: &str = "Interval error of 3 axes at 100, 73, 51 kHz, rms";
 
 /// What the cycles of a short line are for, by task.
 const PURPOSES: [(&str, &str); 4] = [
@@ -90,7 +90,7 @@ impl Page {
         }
         let _ = writeln!(
             block,
-            "\n{OF_INTERVALS}: {}, of X, Y and Z. grblHAL: 14 to 30 %.",
+            "\n{INTERVAL_ERROR_LABEL}: {}, of X, Y and Z. grblHAL: 14 to 30 %.",
             percents(interval_errors)
         );
         block += "\nWhere the cycles of a short G1 line go:\n\n| task | cycles | what for |\n|---|---|---|\n";
