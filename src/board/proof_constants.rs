@@ -18,7 +18,7 @@ use leadscrew::{
     },
     motion::{
         BLOCKS_PER_PART, MAX_STEP_RATE_HZ, MEAN_SEGMENT_US, REQUEST_INTERVAL_TICKS,
-        STEPS_PER_SEGMENT,
+        STEPS_PER_SEGMENT, TARGETS_AHEAD,
     },
     stepper::{END_SLOTS, SLOTS, WORD_BITS},
 };
@@ -67,6 +67,7 @@ symbols! {
     SLOTS
     SPARSE_SEGMENT_TICKS
     STEPS_PER_SEGMENT
+    TARGETS_AHEAD
     WATCHDOG_RELOAD
     WORD_BITS
 }

@@ -33,7 +33,7 @@ use crate::{
     axis::Axes,
     math,
     model::Overrides,
-    path::{AveragingWindow, Block},
+    path::{Block, RampTime},
     stepper::Segment,
     units::FineSteps,
 };
@@ -108,14 +108,14 @@ impl LookAhead {
         self.duration_per_step_s = duration_per_step_s(hz);
     }
 
-    /// Sets the averaging window, and with it the profile. At standstill only, and without blocks.
-    pub(crate) fn set_window(&mut self, window: AveragingWindow) {
+    /// Sets the ramp time, and with it the profile. At standstill only, and without blocks.
+    pub(crate) fn set_ramp_time(&mut self, ramp_time: RampTime) {
         match &mut self.profile {
-            _ if window.samples == 0 => self.profile = Profile::Trapezoid,
+            _ if !ramp_time.is_jerk_limited() => self.profile = Profile::Trapezoid,
             Profile::Trapezoid => {
-                self.profile = Profile::JerkLimited(jerk_limited::Plan::new(window));
+                self.profile = Profile::JerkLimited(jerk_limited::Plan::new(ramp_time));
             }
-            Profile::JerkLimited(plan) => plan.set_window(window),
+            Profile::JerkLimited(plan) => plan.set_ramp_time(ramp_time),
         }
     }
 
@@ -181,8 +181,8 @@ impl LookAhead {
                 queued.trapezoid = trapezoid::BrakingPlan::new(block);
                 trapezoid::plan_part(&mut self.queue, &mut self.pass, 1, 0.0, false);
             }
-            Profile::JerkLimited(plan) => {
-                plan.push(&mut self.queue);
+            Profile::JerkLimited(_) => {
+                queued.jerk_limited.end_path();
                 self.pass = Pass::NEWEST_ENTRY_SPEEDS;
             }
         }
@@ -195,9 +195,9 @@ impl LookAhead {
         }
         self.queue.dequeue();
         if let Profile::JerkLimited(plan) = &mut self.profile {
-            plan.pop(&self.queue);
+            plan.pop();
         }
-        if let Pass::Speeds { number, .. } | Pass::BlockLimits { number, .. } = &mut self.pass {
+        if let Pass::Speeds { number, .. } = &mut self.pass {
             *number = number.saturating_sub(1);
         }
     }
@@ -257,7 +257,7 @@ impl LookAhead {
     pub const fn changes_speeds(&self) -> bool {
         match self.pass {
             Pass::Done => false,
-            Pass::Speeds { .. } | Pass::BlockLimits { .. } => true,
+            Pass::Speeds { .. } => true,
             Pass::EntrySpeeds { is_new, .. } => is_new,
         }
     }
@@ -293,10 +293,6 @@ impl LookAhead {
                 },
                 _,
             ) => self.plan_speeds_part(number, before_mm_s, progress),
-            (Pass::BlockLimits { .. }, Profile::Trapezoid) => *pass = Pass::ALL_ENTRY_SPEEDS,
-            (Pass::BlockLimits { number, ahead_mm }, Profile::JerkLimited(plan)) => {
-                plan.plan_blocks_part(queue, pass, number, ahead_mm);
-            }
             (
                 Pass::EntrySpeeds {
                     back,
@@ -341,13 +337,7 @@ impl LookAhead {
                 progress,
             }
         } else {
-            match self.profile {
-                Profile::Trapezoid => Pass::ALL_ENTRY_SPEEDS,
-                Profile::JerkLimited(_) => Pass::BlockLimits {
-                    number: 0,
-                    ahead_mm: 0.0,
-                },
-            }
+            Pass::ALL_ENTRY_SPEEDS
         };
     }
 }

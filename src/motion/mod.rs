@@ -13,7 +13,7 @@ mod segment_rate;
 mod trapezoid;
 
 pub use cycles::homing::Homing;
-pub use jerk_limited::BLOCKS_PER_PART;
+pub use jerk_limited::{BLOCKS_PER_PART, TARGETS_AHEAD};
 pub use lookahead::LookAhead;
 pub use prepare::{Motion, Prepared, REQUEST_INTERVAL_TICKS};
 pub use queue::{BLOCKS, QueuedBlock};

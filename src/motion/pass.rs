@@ -20,12 +20,6 @@ pub(super) enum Pass {
         before_mm_s: f32,
         progress: PassProgress,
     },
-    /// Corner speeds and accelerations of the jerk-limited profile, from the block `number` on,
-    /// which begins `ahead_mm` ahead of the reference.
-    BlockLimits {
-        number: usize,
-        ahead_mm: f32,
-    },
     /// Entry speeds, from the block `back` on backwards, the newest is 1; the squared entry speed of
     /// the block behind it.
     EntrySpeeds {

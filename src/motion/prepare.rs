@@ -43,7 +43,7 @@ use crate::{
         Alarm, Awaited, HAS_SECOND_MOTORS, Levels, Notice, Outputs, Requests, StandingMotors,
         State, timing::IDLE_DELAY_INFINITE,
     },
-    path::{AveragingWindow, Block, Entry},
+    path::{Block, Entry, RampTime},
     settings::Settings,
     stepper::{EventWriter, Generator, Segment, SegmentRing},
     units::FineSteps,
@@ -275,9 +275,9 @@ impl Motion {
     }
 
     fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
-        let window = AveragingWindow::new(settings);
-        self.average.configure(window);
-        self.plan.set_window(window);
+        let ramp_time = RampTime::new(settings);
+        self.average.configure(ramp_time.is_jerk_limited());
+        self.plan.set_ramp_time(ramp_time);
         self.plan.set_step_rate(settings.step_rate.hz());
         self.executor.set_step_rate(settings.step_rate.hz());
         self.generator.set_pulse_us(settings.step_pulse_us);

@@ -2,7 +2,7 @@
 //!
 //! # Cost
 //!
-//! An entry has room for both profiles' plans, 16 and 72 bytes: a backward pass then needs one pointer.
+//! An entry has room for both profiles' plans, 16 and 60 bytes: a backward pass then needs one pointer.
 //! An enum would save 2 KiB of RAM, but a test in each step of a pass, and a change of the profile would
 //! rewrite all entries.
 

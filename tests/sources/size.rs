@@ -6,7 +6,7 @@ use super::sources;
 const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_400),
     ("proof", 30_640),
-    ("src", 39_800),
+    ("src", 40_600),
     ("tests", 49_900),
     ("xtask", 40_600),
 ];

@@ -1,24 +1,10 @@
-//! Motion of continuous acceleration: the mean of a motion with constant accelerations.
+//! Motion of continuous acceleration: the mean of a motion whose acceleration is the same in each sample.
 //!
-//! ```text
-//!  acceleration of the reference      that of its mean over the window
-//!      ____                                ____
-//!     |    |                              /    \
-//!  ___|    |____      ____ time        __/      \____        __ time
-//!                |    |                              \      /
-//!                |____|                               \____/
-//! ```
-//!
-//! The *reference motion* changes between accelerations of -a, 0 and +a along the path at once. The
-//! machine's motion is the moving average of the reference over an *averaging window* T: acceleration
-//! changes by a in T at most, so that the jerk is a/T. No motion with this jerk is faster wherever the
-//! acceleration reaches a. The distance along the path is averaged, so that the path itself does not
-//! change. Read with the moving average as an interpolator of acceleration and deceleration in
-//! numerical controls; for the limits that the reference keeps so that its mean does, see
-//! [`super::junctions`].
-//!
-//! The reference is computed in *samples* of 1 ms, in which its speed changes evenly, and so does the
-//! mean's acceleration. A feed hold, a cycle start, or an override acts on the reference.
+//! The *reference motion* has one acceleration in each *sample* of 1 ms; the next is different by no more than the
+//! jerk allows. The machine's motion is the moving average of the reference over an *averaging window* of two samples: so
+//! its acceleration changes linearly. The distance along the path is averaged, so that the path itself does not change.
+//! Read with the moving average as an interpolator of acceleration and deceleration in numerical controls; for the limits
+//! that the reference keeps, see [`super::junctions`]. A feed hold, a cycle start, or an override acts on the reference.
 //!
 //! # Cost
 //!
@@ -29,11 +15,16 @@ use crate::{
     math,
     model::timing::SAMPLE_S,
     motion::limits::{LONGEST_SEGMENT_S, MIN_DIVISOR_MM_S},
-    path::AveragingWindow,
 };
 
-/// Samples of history, a power of two: the longest window fits.
-const WINDOW_SAMPLES: usize = 128;
+/// Samples of the averaging window: with fewer, accelerations would change at once.
+const WINDOW_SAMPLES: usize = 2;
+/// Length of the window, s.
+const WINDOW_S: f32 = WINDOW_SAMPLES as f32 * SAMPLE_S;
+/// The mean's speed for a unit in the window, mm/s.
+const SPEED_PER_UNIT: f32 = UNIT_MM / WINDOW_S;
+/// Half the jerk of a sample for a difference of speed, 1/s²: 0.5/(sample · window).
+const HALF_JERK_PER_SPEED: f32 = 0.5 / (SAMPLE_S * WINDOW_S);
 /// Most samples known, the one being played included.
 pub(in crate::motion) const SAMPLES_AHEAD: usize = 3;
 /// Time that is known when a segment is made, s: the longest segment's, and 1 µs for rounding.
@@ -41,8 +32,8 @@ const KNOWN_S: f32 = LONGEST_SEGMENT_S + 1.0e-6;
 /// The moving average of the reference, from the sample being played on.
 #[derive(Debug)]
 pub(in crate::motion) struct MovingAverage {
-    /// Samples of the averaging window; 0 with the trapezoidal profile.
-    window: usize,
+    /// Motion has limits of jerk.
+    is_active: bool,
     /// Speed at the beginnings of samples, mm/s, the one being played first.
     speeds: [f32; SAMPLES_AHEAD + 1],
     /// Half the jerk in each, mm/s³.
@@ -59,15 +50,11 @@ pub(in crate::motion) struct MovingAverage {
     sum: u32,
     /// Remainder of the division by the window's length, units.
     remainder: u32,
-    /// The mean's speed for a unit in the window, mm/s.
-    speed_per_unit: f32,
-    /// Half the jerk of a sample for a difference of speed, 1/s²: 0.5/(sample · window).
-    half_jerk_per_speed: f32,
     /// Index of the newest sample of the reference.
     newest: usize,
     /// Speed at the end of that sample, mm/s.
     end_mm_s: f32,
-    /// Samples since the last standstill, no more than the window has.
+    /// Samples since the last standstill, one more than are known ahead at most.
     age: usize,
     /// Distance of the reference in each sample, units.
     distances: [u32; WINDOW_SAMPLES],
@@ -104,7 +91,7 @@ pub(in crate::motion) struct Forecast {
 impl MovingAverage {
     pub(in crate::motion) const fn new() -> Self {
         Self {
-            window: 0,
+            is_active: false,
             speeds: [0.0; SAMPLES_AHEAD + 1],
             half_jerks: [0.0; SAMPLES_AHEAD],
             distances_mm: [0.0; SAMPLES_AHEAD],
@@ -113,8 +100,6 @@ impl MovingAverage {
             needs_sample: false,
             sum: 0,
             remainder: 0,
-            speed_per_unit: 0.0,
-            half_jerk_per_speed: 0.0,
             newest: 0,
             end_mm_s: 0.0,
             age: 0,
@@ -123,19 +108,10 @@ impl MovingAverage {
         }
     }
 
-    /// Sets the averaging window. At standstill only.
-    pub(in crate::motion) fn configure(&mut self, window: AveragingWindow) {
-        self.window = window.samples;
-        if window.samples != 0 {
-            self.speed_per_unit = UNIT_MM / window.seconds();
-            self.half_jerk_per_speed = 0.5 / (SAMPLE_S * window.seconds());
-        }
+    /// Sets whether motion has limits of jerk. At standstill only.
+    pub(in crate::motion) fn configure(&mut self, is_active: bool) {
+        self.is_active = is_active;
         self.reset();
-    }
-
-    /// Whether there is an averaging window.
-    pub(in crate::motion) fn is_active(&self) -> bool {
-        self.window != 0
     }
 
     /// Drops the motion: the machine is at a standstill.
@@ -148,7 +124,7 @@ impl MovingAverage {
         self.remainder = 0;
         self.end_mm_s = 0.0;
         self.age = 0;
-        self.needs_sample = self.is_active();
+        self.needs_sample = self.is_active;
     }
 
     /// Whether the reference's motion has been played to its end.
@@ -183,7 +159,7 @@ impl MovingAverage {
 
     /// The sample that leaves the window with the next one.
     pub(in crate::motion) fn leaving_sample(&self) -> LeavingSample {
-        let change = if self.age < self.window {
+        let change = if self.age < WINDOW_SAMPLES {
             0.0
         } else {
             self.speed_changes_mm_s[self.oldest()]
@@ -196,17 +172,17 @@ impl MovingAverage {
 
     /// The index of the sample that leaves the window with the next one.
     fn oldest(&self) -> usize {
-        self.newest.wrapping_sub(self.window).wrapping_add(1) & (WINDOW_SAMPLES - 1)
+        self.newest.wrapping_sub(WINDOW_SAMPLES).wrapping_add(1) & (WINDOW_SAMPLES - 1)
     }
 
     /// Adds the next sample of the reference.
     pub(in crate::motion) fn push(&mut self, sample: Sample, leaving: LeavingSample) {
-        let oldest = if self.age < self.window {
-            self.age += 1;
+        let oldest = if self.age < WINDOW_SAMPLES {
             0
         } else {
             self.distances[self.oldest()]
         };
+        self.age = (self.age + 1).min(SAMPLES_AHEAD + 1);
         let change = sample.end_mm_s - self.end_mm_s;
         self.end_mm_s = sample.end_mm_s;
         self.newest = (self.newest + 1) & (WINDOW_SAMPLES - 1);
@@ -215,10 +191,10 @@ impl MovingAverage {
         let before = self.sum.wrapping_add(self.remainder);
         self.sum = self.sum.wrapping_add(sample.distance).wrapping_sub(oldest);
         let double = before.wrapping_add(self.sum);
-        let shares = (2 * self.window as u32).max(1);
+        let shares = 2 * WINDOW_SAMPLES as u32;
         let distance = double / shares;
         self.remainder = double - distance * shares;
-        let half_jerk = (change - leaving.change) * self.half_jerk_per_speed;
+        let half_jerk = (change - leaving.change) * HALF_JERK_PER_SPEED;
         if let Some(entry) = self.half_jerks.get_mut(self.known) {
             *entry = half_jerk;
         }
@@ -227,7 +203,7 @@ impl MovingAverage {
         }
         self.known += 1;
         if let Some(speed) = self.speeds.get_mut(self.known) {
-            *speed = self.sum as f32 * self.speed_per_unit;
+            *speed = self.sum as f32 * SPEED_PER_UNIT;
         }
         self.update_needs_sample();
     }
@@ -350,10 +326,10 @@ impl MovingAverage {
 mod tests {
     use super::*;
 
-    /// A moving average over seven samples.
+    /// A moving average.
     fn average() -> MovingAverage {
         let mut average = MovingAverage::new();
-        average.configure(AveragingWindow { samples: 7 });
+        average.configure(true);
         average
     }
 

@@ -1,10 +1,21 @@
-//! Junction limits: how fast a junction of two blocks may be passed with continuous acceleration.
+//! Junction limits: how fast a junction of two blocks may be passed with limits of jerk.
 //!
-//! The limits are those of the *reference*: a motion with accelerations of -a, 0 and +a, whose mean
-//! over the averaging window is the machine's. For the mean to keep a limit at a point, the reference keeps it within
-//! the *influence distance* on both sides: half of the window's length at that speed. For the jerk, the reference never
-//! brakes sooner than a window after it has accelerated. A sample is added to either, as the point, or the change, may
-//! lie anywhere in one.
+//! A *target* is a speed at a distance ahead: a corner, or the end of the path. A motion is *safe* for a target if the
+//! hardest braking reaches its speed within that distance, and ends there without an acceleration:
+//!
+//! ```text
+//!  speed ──╮                       acceleration ──╮             ╭── 0
+//!           ╲                                      ╲           ╱
+//!            ╰── of the target                      ╰─────────╯
+//! ```
+//!
+//! A motion that is safe for all targets ahead stays so under the hardest braking. A junction keeps few of them: a target
+//! is left out if whoever is safe for another one passes the target more slowly.
+//!
+//! The acceleration that a block allows is there after the *ramp time*, the same for all blocks: the jerk is the one
+//! divided by the other.
+
+use core::hint::black_box;
 
 use crate::{
     math,
@@ -13,14 +24,25 @@ use crate::{
     path::Block,
 };
 
-/// Influence distances from which a block keeps its own acceleration outside of them: the lower one of
-/// its neighbours holds for all of a shorter block.
-const LONG_BLOCK_INFLUENCES: f32 = 4.0;
-
-/// The influence distance of a point that the mean passes at a speed, mm.
-pub(in crate::motion) fn influence_mm(speed_mm_s: f32, window_s: f32) -> f32 {
-    0.5 * (window_s + SAMPLE_S) * speed_mm_s
-}
+/// Targets that a junction keeps. More of them at once, which closer corners at falling speeds need, make the
+/// nearest one slower.
+const TARGETS: usize = 2;
+/// Targets of a sample: the nearest junction, and the targets of the next junction.
+pub const TARGETS_AHEAD: usize = TARGETS + 1;
+/// A distance that is never too short, mm.
+const NO_DISTANCE_LIMIT_MM: f32 = 1.0e9;
+/// Factor by which the greatest speed of a motion may exceed that of a target without being above it.
+const SPEED_TOLERANCE: f32 = 1.0005;
+/// Part of the distance travelled in the ramp time in which the accelerations of blocks count as the next block's: on the way
+/// an acceleration becomes lower by that part.
+const NEAR_PART: f32 = 0.3;
+/// Part of the distance that a lower speed saves behind a target: accelerations there differ by a factor of √2 where
+/// the direction changes.
+const SAVED_PART: f32 = 0.7;
+/// Time in addition to that in which an acceleration becomes lower, s: a sample, its end, and rounding.
+const LOWERING_S: f32 = 2.5 * SAMPLE_S;
+/// Steps of Newton's method for [`Braking::speed_before_mm_s`].
+const CUBIC_STEPS: u32 = 3;
 
 /// The limits of a block.
 #[derive(Debug, Clone, Copy)]
@@ -31,86 +53,409 @@ pub(in crate::motion) struct BlockLimits {
     pub(in crate::motion) speed_mm_s: f32,
     /// Greatest acceleration along it, mm/s².
     pub(in crate::motion) acceleration_mm_s2: f32,
-    /// Lower acceleration at its beginning, within the influence of blocks before it, mm/s².
-    pub(in crate::motion) trail_mm_s2: f32,
-    /// Distance behind its beginning for which that holds, mm.
-    pub(in crate::motion) trail_mm: f32,
 }
 
 impl BlockLimits {
-    /// The limits of a block by itself.
+    /// The limits of a block.
     pub(in crate::motion) const fn of(block: &Block) -> Self {
         Self {
             length_mm: block.length_mm,
             speed_mm_s: block.nominal_mm_s,
             acceleration_mm_s2: block.acceleration_mm_s2,
-            trail_mm_s2: block.acceleration_mm_s2,
-            trail_mm: 0.0,
         }
-    }
-
-    /// The limits behind blocks whose least acceleration holds for an influence distance.
-    pub(in crate::motion) fn after(mut self, least: &RunningMin, influence_mm: f32) -> Self {
-        let low = least.mm_s2();
-        if low < self.acceleration_mm_s2 {
-            if self.length_mm < LONG_BLOCK_INFLUENCES * influence_mm {
-                self.acceleration_mm_s2 = low;
-            } else {
-                self.trail_mm_s2 = math::min(self.trail_mm_s2, low);
-                self.trail_mm = math::max(self.trail_mm, influence_mm);
-            }
-        }
-        self
-    }
-
-    /// The acceleration at a distance before its end, mm/s².
-    pub(in crate::motion) fn acceleration(&self, distance_mm: f32) -> f32 {
-        if distance_mm > self.length_mm - self.trail_mm {
-            math::min(self.acceleration_mm_s2, self.trail_mm_s2)
-        } else {
-            self.acceleration_mm_s2
-        }
-    }
-
-    /// The part of a distance before its end in which its own acceleration holds, mm.
-    fn beyond_trail_mm(&self, distance_mm: f32) -> f32 {
-        math::min(distance_mm, self.length_mm - self.trail_mm)
     }
 }
 
-/// The running minimum of the accelerations of blocks, over one to two influence distances.
+/// Braking with an acceleration that is there after the ramp time.
+#[derive(Debug, Clone, Copy)]
+struct Braking {
+    acceleration_mm_s2: f32,
+    /// The inverse of the acceleration, s²/mm.
+    per_mm_s2: f32,
+    ramp_s: f32,
+}
+
+impl Braking {
+    fn new(acceleration_mm_s2: f32, ramp_s: f32) -> Self {
+        Self {
+            acceleration_mm_s2,
+            per_mm_s2: 1.0 / acceleration_mm_s2,
+            ramp_s,
+        }
+    }
+
+    /// Returns the time for a change of acceleration, s.
+    fn ramp_time_s(&self, change_mm_s2: f32) -> f32 {
+        change_mm_s2 * self.ramp_s * self.per_mm_s2
+    }
+
+    /// Returns how far a motion comes until its acceleration has ended, mm, and its speed then, mm/s.
+    fn ended(&self, speed_mm_s: f32, acceleration_mm_s2: f32) -> (f32, f32) {
+        let seconds = self.ramp_time_s(acceleration_mm_s2);
+        let rise = 0.5 * acceleration_mm_s2 * seconds;
+        (
+            seconds * (speed_mm_s + (2.0 / 3.0) * rise),
+            speed_mm_s + rise,
+        )
+    }
+
+    /// Returns the distance between two speeds, without an acceleration at both, mm.
+    fn distance_mm(&self, from_mm_s: f32, to_mm_s: f32) -> f32 {
+        if from_mm_s <= to_mm_s {
+            0.0
+        } else {
+            self.longer_mm(from_mm_s, to_mm_s)
+        }
+    }
+
+    /// Returns the same where the first speed is not the lower one, mm.
+    #[inline]
+    fn longer_mm(&self, from_mm_s: f32, to_mm_s: f32) -> f32 {
+        let change_s = (from_mm_s - to_mm_s) * self.per_mm_s2;
+        let seconds = if change_s <= self.ramp_s {
+            2.0 * math::sqrt_inlined(change_s * self.ramp_s)
+        } else {
+            change_s + self.ramp_s
+        };
+        0.5 * (from_mm_s + to_mm_s) * seconds
+    }
+
+    /// Returns the same for a motion that brakes as hard as is possible already, mm.
+    fn shortest_mm(&self, from_mm_s: f32, to_mm_s: f32) -> f32 {
+        let change = from_mm_s - to_mm_s;
+        let ended_mm_s = 0.5 * self.acceleration_mm_s2 * self.ramp_s;
+        if change <= 0.0 {
+            0.0
+        } else if change <= ended_mm_s {
+            let seconds = math::sqrt(2.0 * change * self.ramp_s * self.per_mm_s2);
+            seconds * (to_mm_s + (1.0 / 3.0) * change)
+        } else {
+            let reached = to_mm_s + ended_mm_s;
+            self.ramp_s * (to_mm_s + (1.0 / 3.0) * ended_mm_s)
+                + 0.5 * (from_mm_s * from_mm_s - reached * reached) * self.per_mm_s2
+        }
+    }
+
+    /// Returns a speed at a distance before another one, without an acceleration at both, mm/s: the greatest, or
+    /// slightly less.
+    ///
+    /// With both ramps in full, the root of v² + aTv = (w - aT/2)² - (aT/2)² + 2as; without, v = w + jx² with the root x
+    /// of jx³ + 2wx = s. Newton's method comes from above, and a last step to below the root.
+    fn speed_before_mm_s(&self, to_mm_s: f32, distance_mm: f32) -> f32 {
+        let half = 0.5 * self.acceleration_mm_s2 * self.ramp_s;
+        let rest = to_mm_s - half;
+        let speed = math::sqrt(rest * rest + 2.0 * self.acceleration_mm_s2 * distance_mm) - half;
+        if speed >= to_mm_s + 2.0 * half {
+            return speed;
+        }
+        let jerk = self.acceleration_mm_s2 / self.ramp_s;
+        let double = 2.0 * to_mm_s;
+        let mut x = math::min(
+            self.ramp_s,
+            distance_mm / math::max(double, MIN_DIVISOR_MM_S),
+        );
+        for _ in 0..CUBIC_STEPS {
+            let cube = jerk * x * x;
+            x = (2.0 * cube * x + distance_mm) / math::max(3.0 * cube + double, MIN_DIVISOR_MM_S);
+        }
+        let x = distance_mm / math::max(double + jerk * x * x, MIN_DIVISOR_MM_S);
+        to_mm_s + jerk * x * x
+    }
+
+    /// Returns how much longer the braking distance is at least for a higher speed before, for each mm/s, s: to whatever
+    /// speed.
+    fn distance_per_speed_s(&self, speed_mm_s: f32) -> f32 {
+        let seconds = speed_mm_s * self.per_mm_s2;
+        SAVED_PART * (seconds + math::min(0.5 * self.ramp_s, 2.0 * seconds))
+    }
+}
+
+/// A motion along the path, at a distance before the end of a block.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PathState {
+    pub(super) speed_mm_s: f32,
+    pub(super) acceleration_mm_s2: f32,
+    pub(super) remaining_mm: f32,
+}
+
+/// A speed that must not be exceeded at a distance behind a junction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct SpeedTarget {
+    speed_mm_s: f32,
+    distance_mm: f32,
+    /// Distance behind the target in which an acceleration may end, of a motion that comes to the target's speed then:
+    /// targets that were left out need the remainder.
+    room_mm: f32,
+}
+
+impl SpeedTarget {
+    const NONE: Self = Self {
+        speed_mm_s: NO_SPEED_LIMIT_MM_S,
+        distance_mm: 0.0,
+        room_mm: NO_DISTANCE_LIMIT_MM,
+    };
+
+    fn is_none(&self) -> bool {
+        self.speed_mm_s >= NO_SPEED_LIMIT_MM_S
+    }
+
+    /// Whether whoever is safe for this target, at a junction, is so for another target ahead; the room is the distance
+    /// left then.
+    fn covers(&mut self, other: &Self, braking: &Braking) -> bool {
+        let needed_mm = braking.distance_mm(self.speed_mm_s, other.speed_mm_s);
+        let covers = needed_mm <= other.distance_mm;
+        if covers {
+            let faster = other.speed_mm_s - self.speed_mm_s;
+            let room_mm = if faster < 0.0 {
+                other.distance_mm - needed_mm
+            } else {
+                let saved_s = braking.distance_per_speed_s(self.speed_mm_s);
+                other.distance_mm + other.room_mm + faster * saved_s
+            };
+            self.room_mm = math::min(self.room_mm, room_mm);
+        }
+        covers
+    }
+
+    /// Makes this target, at a junction, slow enough for another one ahead to be left out.
+    fn slow_down_for(&mut self, other: &Self, braking: &Braking) {
+        let slow = braking.speed_before_mm_s(other.speed_mm_s, other.distance_mm);
+        self.speed_mm_s = math::min(self.speed_mm_s, slow);
+        self.room_mm = 0.0;
+    }
+}
+
+/// The targets ahead of a sample, and the braking for them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TargetsAhead {
+    targets: [SpeedTarget; TARGETS_AHEAD],
+    braking: Braking,
+    /// Braking that ends an acceleration behind a target.
+    rising: Braking,
+}
+
+impl TargetsAhead {
+    /// Targets in a block that ends at a junction, and in the next block with the junction at its end if the sample may
+    /// come there.
+    pub(super) fn new(
+        limits: &BlockLimits,
+        junction: &JunctionLimit,
+        next: Option<(BlockLimits, &JunctionLimit)>,
+        ramp_s: f32,
+    ) -> Self {
+        let [nearest, second] = junction.targets;
+        let mut targets = [nearest, second, SpeedTarget::NONE];
+        let mut braking_mm_s2 = junction.braking_mm_s2(limits);
+        let mut beyond_mm_s2 = junction.beyond.mm_s2();
+        if let Some((next, junction)) = next {
+            // The nearest target is the junction, or one of these.
+            let [_, farther @ ..] = &mut targets;
+            for (target, at_end) in farther.iter_mut().zip(&junction.targets) {
+                *target = SpeedTarget {
+                    distance_mm: at_end.distance_mm + next.length_mm,
+                    ..*at_end
+                };
+            }
+            braking_mm_s2 = math::min(braking_mm_s2, junction.braking_mm_s2(&next));
+            beyond_mm_s2 = math::min(beyond_mm_s2, junction.beyond.mm_s2());
+        }
+        Self {
+            targets,
+            braking: Braking::new(braking_mm_s2, ramp_s),
+            rising: Braking::new(math::min(braking_mm_s2, beyond_mm_s2), ramp_s),
+        }
+    }
+
+    /// Returns by how much the distance to a target exceeds the braking distance at least, mm, and the number of the
+    /// target: below 0 for a motion that is not safe.
+    #[inline(never)]
+    pub(super) fn least_slack_mm(&self, state: &PathState) -> (f32, usize) {
+        let motion = BrakingMotion::new(self, state);
+        let (mut least, mut nearest) = (NO_DISTANCE_LIMIT_MM, 0);
+        let mut number = 0;
+        // wcet-bound: TARGETS_AHEAD: each run is for a target
+        while let Some(target) = self.targets.get(number) {
+            let slack_mm = motion.slack_mm(target);
+            if slack_mm < least {
+                (least, nearest) = (slack_mm, number);
+            }
+            // Unrolled, the loop takes more lines of flash, and more time in the worst case.
+            number = black_box(number + 1);
+        }
+        (least, nearest)
+    }
+
+    /// Returns the same for a target, mm.
+    #[inline(never)]
+    pub(super) fn slack_mm(&self, number: usize, state: &PathState) -> f32 {
+        let motion = BrakingMotion::new(self, state);
+        let target = self.targets.get(number);
+        target.map_or(NO_DISTANCE_LIMIT_MM, |target| motion.slack_mm(target))
+    }
+}
+
+/// A motion along the path that brakes as hard as is possible.
+struct BrakingMotion {
+    remaining_mm: f32,
+    braking: Braking,
+    /// The speed at which its acceleration is 0, and the distance to there: behind it for a motion that brakes.
+    reached_mm_s: f32,
+    begun_mm: f32,
+    slow: SlowMotion,
+}
+
+impl BrakingMotion {
+    #[inline]
+    fn new(ahead: &TargetsAhead, state: &PathState) -> Self {
+        let speed = state.speed_mm_s;
+        let size = state.acceleration_mm_s2.abs();
+        let braking = ahead.braking;
+        let (ended_mm, reached) = braking.ended(speed, size);
+        let slow = if state.acceleration_mm_s2 < 0.0 {
+            let per_mm_s2 = 0.5 / math::max(size, MIN_DIVISOR_MM_S);
+            SlowMotion {
+                least_mm_s: 2.0 * speed - reached,
+                speed_mm_s: speed * (1.0 / SPEED_TOLERANCE),
+                seconds: speed * per_mm_s2,
+                per_mm_s2,
+                risen_mm: 0.0,
+                room_share: 0.0,
+            }
+        } else {
+            let (risen_mm, risen) = ahead.rising.ended(speed, size);
+            SlowMotion {
+                least_mm_s: risen * (1.0 / SPEED_TOLERANCE),
+                speed_mm_s: risen,
+                seconds: braking.distance_per_speed_s(risen),
+                per_mm_s2: 0.0,
+                risen_mm,
+                room_share: 1.0,
+            }
+        };
+        Self {
+            remaining_mm: state.remaining_mm,
+            braking,
+            reached_mm_s: reached,
+            begun_mm: ended_mm.copysign(state.acceleration_mm_s2),
+            slow,
+        }
+    }
+
+    #[inline]
+    fn slack_mm(&self, target: &SpeedTarget) -> f32 {
+        let needed_mm = if target.speed_mm_s >= self.slow.least_mm_s {
+            self.slow.needed_mm(target)
+        } else {
+            let braking_mm = (self.braking).longer_mm(self.reached_mm_s, target.speed_mm_s);
+            self.begun_mm + braking_mm
+        };
+        if needed_mm > 0.0 || target.speed_mm_s <= 0.0 {
+            self.remaining_mm + target.distance_mm - needed_mm
+        } else {
+            NO_DISTANCE_LIMIT_MM
+        }
+    }
+}
+
+/// A motion that passes targets below their speed.
+struct SlowMotion {
+    /// The least speed of these targets.
+    least_mm_s: f32,
+    /// The speed while the motion still brakes, or when its acceleration has ended.
+    speed_mm_s: f32,
+    /// How much less distance a faster target needs: as much for each mm/s, ...
+    seconds: f32,
+    /// ... and more for each mm/s of the target's.
+    per_mm_s2: f32,
+    /// The distance until its acceleration has ended, and the share of a target's room that is behind the target.
+    risen_mm: f32,
+    room_share: f32,
+}
+
+impl SlowMotion {
+    #[inline]
+    fn needed_mm(&self, target: &SpeedTarget) -> f32 {
+        let per_speed_s = self.seconds + self.per_mm_s2 * target.speed_mm_s;
+        (self.speed_mm_s - target.speed_mm_s) * per_speed_s
+            + (self.risen_mm - self.room_share * target.room_mm)
+    }
+}
+
+/// What a junction keeps of its own speed and the targets ahead, the nearest first.
+struct KeptTargets {
+    /// The junction itself.
+    corner: SpeedTarget,
+    farther: [SpeedTarget; TARGETS],
+    count: usize,
+    /// Whoever is safe for a farther target passes the junction below its speed.
+    is_passed_slower: bool,
+}
+
+impl KeptTargets {
+    /// Adds a target if it counts beside the junction.
+    #[inline(never)]
+    fn add(&mut self, target: &SpeedTarget, braking: &Braking) {
+        if !self.is_passed_slower {
+            if self.corner.covers(target, braking) {
+                return;
+            }
+            let shortest_mm = braking.shortest_mm(self.corner.speed_mm_s, target.speed_mm_s);
+            self.is_passed_slower = shortest_mm >= target.distance_mm;
+        }
+        if let Some(entry) = self.farther.get_mut(self.count) {
+            *entry = *target;
+        }
+        self.count += 1;
+    }
+
+    /// As many as there is space for.
+    fn targets(&self, braking: &Braking) -> [SpeedTarget; TARGETS] {
+        let [first, second] = self.farther;
+        let mut corner = self.corner;
+        if self.is_passed_slower {
+            self.farther
+        } else if self.count < TARGETS {
+            [corner, first]
+        } else {
+            corner.slow_down_for(&first, braking);
+            [corner, second]
+        }
+    }
+}
+
+/// The running minimum of the accelerations of blocks, over one to two distances.
 ///
 /// Two minima, of which each covers the distance at least, instead of the accelerations.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::motion) struct RunningMin {
+struct RunningMin {
     before: f32,
     now: f32,
     passed_mm: f32,
 }
 
 impl RunningMin {
-    pub(in crate::motion) const NONE: Self = Self {
+    const NONE: Self = Self {
         before: NO_ACCELERATION_LIMIT_MM_S2,
         now: NO_ACCELERATION_LIMIT_MM_S2,
         passed_mm: 0.0,
     };
 
-    pub(in crate::motion) fn mm_s2(&self) -> f32 {
+    fn mm_s2(&self) -> f32 {
         math::min(self.before, self.now)
     }
 
-    /// The running minimum after a block.
-    pub(in crate::motion) fn after(&self, limits: &BlockLimits, influence_mm: f32) -> Self {
+    /// The running minimum with another block.
+    fn with(&self, limits: &BlockLimits, distance_mm: f32) -> Self {
         let passed_mm = self.passed_mm + limits.length_mm;
         let here = limits.acceleration_mm_s2;
-        if limits.length_mm > influence_mm {
+        if limits.length_mm > distance_mm {
             return Self {
                 before: here,
                 now: here,
                 passed_mm: 0.0,
             };
         }
-        if passed_mm > influence_mm {
+        if passed_mm > distance_mm {
             return Self {
                 before: math::min(self.now, here),
                 now: here,
@@ -125,250 +470,166 @@ impl RunningMin {
     }
 }
 
-/// The limits of the reference before a junction, from there backwards.
+/// The acceleration of a block, and the distance from a junction to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::motion) struct JunctionLimit {
-    /// Greatest speed there, mm/s.
-    brake_mm_s: f32,
-    /// Distance before the junction in which that does not change, mm.
-    brake_flat_mm: f32,
-    /// Greatest speed there of a reference that has just accelerated, mm/s.
-    free_mm_s: f32,
-    /// Distance before the junction in which that does not change, mm.
-    free_flat_mm: f32,
-    /// A greater speed that is not exceeded within `cap_mm` before, mm/s; the reference may brake down to it there.
-    cap_mm_s: f32,
-    /// Distance before the junction in which `cap_mm_s` holds, mm.
-    cap_mm: f32,
-    /// Accelerations behind the junction.
-    beyond: RunningMin,
-    /// Influence distance before the junction, in which those hold too, mm.
-    influence_mm: f32,
-    /// Accelerations with which the reference brakes behind the junction.
-    braking: RunningMin,
+struct LowAcceleration {
+    mm_s2: f32,
+    distance_mm: f32,
 }
 
-/// The motion in the block before a junction.
-#[derive(Debug, Clone, Copy)]
-struct IncomingMotion {
-    /// Acceleration of the reference, mm/s².
+impl LowAcceleration {
+    const NONE: Self = Self {
+        mm_s2: NO_ACCELERATION_LIMIT_MM_S2,
+        distance_mm: 0.0,
+    };
+
+    /// The lowest acceleration with another block before it, within a distance.
+    fn before(self, limits: &BlockLimits, within_mm: f32) -> Self {
+        let distance_mm = self.distance_mm + limits.length_mm;
+        if self.mm_s2 < limits.acceleration_mm_s2 && distance_mm < within_mm {
+            Self {
+                distance_mm,
+                ..self
+            }
+        } else {
+            Self {
+                mm_s2: limits.acceleration_mm_s2,
+                distance_mm: 0.0,
+            }
+        }
+    }
+}
+
+/// What limits the motion before a junction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::motion) struct JunctionLimit {
+    /// The nearest first: the farther, the slower.
+    targets: [SpeedTarget; TARGETS],
+    /// Least acceleration of the blocks up to the farthest target.
     acceleration_mm_s2: f32,
-    /// Distance before the junction in which the speed does not change, mm.
-    flat_mm: f32,
+    /// Accelerations of the nearest blocks behind the junction, and of those in which an acceleration ends.
+    near: RunningMin,
+    beyond: RunningMin,
+    /// The lowest acceleration behind it that may have to be come down to.
+    lowest: LowAcceleration,
 }
 
 impl JunctionLimit {
     /// The end of the path, or a junction that is passed at a standstill.
     pub(in crate::motion) const STOP: Self = Self {
-        brake_mm_s: 0.0,
-        brake_flat_mm: 0.0,
-        free_mm_s: 0.0,
-        free_flat_mm: 0.0,
-        cap_mm_s: NO_SPEED_LIMIT_MM_S,
-        cap_mm: 0.0,
+        targets: [
+            SpeedTarget {
+                speed_mm_s: 0.0,
+                ..SpeedTarget::NONE
+            },
+            SpeedTarget::NONE,
+        ],
+        acceleration_mm_s2: NO_ACCELERATION_LIMIT_MM_S2,
+        near: RunningMin::NONE,
         beyond: RunningMin::NONE,
-        influence_mm: 0.0,
-        braking: RunningMin::NONE,
+        lowest: LowAcceleration::NONE,
     };
 
-    /// The greatest speeds at the junction, mm/s: braking, and of a reference that has just accelerated.
-    pub(in crate::motion) fn speeds_at_junction(&self) -> [f32; 2] {
-        [self.brake_mm_s, self.free_mm_s]
+    /// Makes it a junction that is passed at a standstill: a few words are set in place of copying all.
+    pub(in crate::motion) fn stop(&mut self) {
+        for target in &mut self.targets {
+            target.speed_mm_s = NO_SPEED_LIMIT_MM_S;
+        }
+        let [nearest, ..] = &mut self.targets;
+        *nearest = SpeedTarget {
+            speed_mm_s: 0.0,
+            ..SpeedTarget::NONE
+        };
+        self.acceleration_mm_s2 = NO_ACCELERATION_LIMIT_MM_S2;
+        self.near = RunningMin::NONE;
+        self.beyond = RunningMin::NONE;
+        self.lowest = LowAcceleration::NONE;
     }
 
     /// Whether the junction is passed at a standstill.
     pub(in crate::motion) fn is_stop(&self) -> bool {
-        self.brake_mm_s <= 0.0
+        let [nearest, ..] = &self.targets;
+        nearest.speed_mm_s <= 0.0 && nearest.distance_mm <= 0.0
     }
 
     /// The junction limit at the beginning of a block that ends at this one; `corner_mm_s` is the
-    /// greatest speed there, 0 for a standstill, and `influence_mm` its influence distance.
+    /// greatest speed there, 0 for a standstill.
     pub(in crate::motion) fn before(
         &self,
         limits: &BlockLimits,
         corner_mm_s: f32,
-        influence_mm: f32,
-        window_s: f32,
+        ramp_s: f32,
     ) -> Self {
         if corner_mm_s <= 0.0 {
             return Self::STOP;
         }
-        let gap_s = window_s + SAMPLE_S;
-        let incoming = self.incoming_motion(limits);
-        let top = limits.speed_mm_s;
-        let flat = math::max(self.brake_flat_mm, incoming.flat_mm);
-        let free_flat = self.free_flat(incoming, gap_s);
-        let capped = math::max(self.cap_mm, incoming.flat_mm);
-        let (brake, free) = self.speeds(limits, limits.length_mm, 0.0, 0.0, window_s);
-        let brake = math::min(brake, top);
-        let mut junction = Self {
-            brake_mm_s: brake,
-            brake_flat_mm: math::max(flat - limits.length_mm, 0.0),
-            free_mm_s: math::min(free, top),
-            free_flat_mm: math::max(free_flat - limits.length_mm, 0.0),
-            cap_mm_s: self.cap_mm_s,
-            cap_mm: capped - limits.length_mm,
-            beyond: self.beyond.after(limits, 2.0 * self.influence_mm),
-            influence_mm,
-            braking: self.braking.after(
-                &BlockLimits {
-                    acceleration_mm_s2: incoming.acceleration_mm_s2,
-                    ..*limits
-                },
-                free * gap_s,
-            ),
+        let braking = Braking::new(self.braking_mm_s2(limits), ramp_s);
+        let mut kept = KeptTargets {
+            corner: SpeedTarget {
+                speed_mm_s: corner_mm_s,
+                ..SpeedTarget::NONE
+            },
+            farther: [SpeedTarget::NONE; TARGETS],
+            count: 0,
+            is_passed_slower: false,
         };
-        if limits.trail_mm > 0.0 {
-            junction.free_flat_mm = math::max(junction.free_flat_mm, junction.free_mm_s * gap_s);
-        }
-        if junction.cap_mm + junction.cap_mm_s * (window_s + SAMPLE_S) < 0.0 {
-            junction.cap_mm_s = NO_SPEED_LIMIT_MM_S;
-            junction.cap_mm = 0.0;
-        }
-        junction.cap(top, incoming.acceleration_mm_s2, window_s);
-        junction.cap(corner_mm_s, incoming.acceleration_mm_s2, window_s);
-        junction
-    }
-
-    /// The motion in the block before the junction.
-    fn incoming_motion(&self, limits: &BlockLimits) -> IncomingMotion {
-        let least = self.beyond.mm_s2();
-        if limits.acceleration_mm_s2 <= least {
-            IncomingMotion {
-                acceleration_mm_s2: limits.acceleration_mm_s2,
-                flat_mm: 0.0,
-            }
-        } else if limits.length_mm < LONG_BLOCK_INFLUENCES * self.influence_mm {
-            IncomingMotion {
-                acceleration_mm_s2: least,
-                flat_mm: 0.0,
-            }
-        } else {
-            IncomingMotion {
-                acceleration_mm_s2: limits.acceleration_mm_s2,
-                flat_mm: self.influence_mm,
+        for old in &self.targets {
+            if !old.is_none() {
+                let target = SpeedTarget {
+                    distance_mm: old.distance_mm + limits.length_mm,
+                    ..*old
+                };
+                kept.add(&target, &braking);
             }
         }
-    }
-
-    /// The distance before the junction in which the speed of a reference that has accelerated does not
-    /// change, mm.
-    fn free_flat(&self, incoming: IncomingMotion, gap_s: f32) -> f32 {
-        if incoming.flat_mm > 0.0 {
-            math::max(self.free_flat_mm, incoming.flat_mm + self.free_mm_s * gap_s)
-        } else {
-            self.free_flat_mm
+        let reach_mm = limits.speed_mm_s * ramp_s;
+        Self {
+            targets: kept.targets(&braking),
+            acceleration_mm_s2: if kept.count == 0 {
+                NO_ACCELERATION_LIMIT_MM_S2
+            } else {
+                braking.acceleration_mm_s2
+            },
+            near: self.near.with(limits, NEAR_PART * reach_mm),
+            beyond: self.beyond.with(limits, reach_mm),
+            lowest: self.lowest.before(limits, reach_mm),
         }
     }
 
-    /// Adds a speed limit on both sides of the junction.
-    #[inline]
-    fn cap(&mut self, speed_mm_s: f32, acceleration_mm_s2: f32, window_s: f32) {
-        let half = 0.5 / acceleration_mm_s2;
-        let limit_sqr = speed_mm_s * speed_mm_s;
-        let influence_mm = influence_mm(speed_mm_s, window_s);
-        // The distance in which braking changes the squared speed by `sqr`.
-        let braking_mm = |sqr: f32| half * sqr;
-        if speed_mm_s < self.free_mm_s {
-            let cap_sqr = self.cap_mm_s * self.cap_mm_s;
-            let flat_mm = math::max(
-                self.brake_flat_mm
-                    - braking_mm(math::max(
-                        self.brake_mm_s * self.brake_mm_s - limit_sqr,
-                        0.0,
-                    )),
-                self.cap_mm - braking_mm(cap_sqr - limit_sqr),
-            );
-            self.brake_flat_mm = math::max(influence_mm, flat_mm);
-            let faster = self.free_mm_s - speed_mm_s;
-            let free_flat_mm = self.free_flat_mm
-                - braking_mm(self.free_mm_s * self.free_mm_s - limit_sqr)
-                - faster * window_s;
-            let gap_s = window_s + SAMPLE_S;
-            self.free_flat_mm = math::max(self.brake_flat_mm + speed_mm_s * gap_s, free_flat_mm);
-            self.free_mm_s = speed_mm_s;
-            self.brake_mm_s = math::min(self.brake_mm_s, speed_mm_s);
-            self.cap_mm_s = NO_SPEED_LIMIT_MM_S;
-            self.cap_mm = 0.0;
-            return;
-        }
-        let (low, low_mm, high, high_mm) = if speed_mm_s <= self.cap_mm_s {
-            (speed_mm_s, influence_mm, self.cap_mm_s, self.cap_mm)
-        } else {
-            (self.cap_mm_s, self.cap_mm, speed_mm_s, influence_mm)
-        };
-        self.cap_mm = math::max(low_mm, high_mm - braking_mm(high * high - low * low));
-        self.cap_mm_s = low;
-        self.brake_mm_s = math::min(self.brake_mm_s, speed_mm_s);
+    /// The acceleration of the hardest braking in a block that ends at the junction, mm/s².
+    pub(super) fn braking_mm_s2(&self, limits: &BlockLimits) -> f32 {
+        math::min(limits.acceleration_mm_s2, self.acceleration_mm_s2)
     }
 
-    /// The acceleration of the reference in a block, at a distance before this junction at its end,
-    /// mm/s².
-    pub(in crate::motion) fn acceleration(&self, limits: &BlockLimits, distance_mm: f32) -> f32 {
-        let incoming = self.incoming_motion(limits);
-        let here = math::min(
-            limits.acceleration(distance_mm),
-            incoming.acceleration_mm_s2,
-        );
-        if distance_mm < incoming.flat_mm {
-            math::min(here, self.beyond.mm_s2())
-        } else {
-            here
-        }
+    /// The acceleration of the blocks behind the junction in which an acceleration may end, mm/s².
+    pub(super) fn ending_mm_s2(&self) -> f32 {
+        self.beyond.mm_s2()
     }
 
-    /// Greatest speeds of the reference after a sample of `sample_s`, in a block with this junction
-    /// `distance_mm` ahead: braking, and when it accelerates, mm/s.
-    ///
-    /// The distance until then is the mean speed times the sample's time, so that the speed v is the root of
-    /// v² + (v₀ + v)·g = e² with the gain g in a sample, where e is the speed that could be reached at once.
-    #[inline(never)]
-    pub(in crate::motion) fn speeds(
+    /// Returns the acceleration of the next sample, of either sign, mm/s². A wanted acceleration is lowered to the ones of
+    /// the blocks behind the junction if there would be no time to lower it on the way there; by no more than the jerk.
+    pub(super) fn lowered_for_next(
         &self,
-        limits: &BlockLimits,
-        distance_mm: f32,
-        speed_mm_s: f32,
-        sample_s: f32,
-        window_s: f32,
-    ) -> (f32, f32) {
-        let incoming = self.incoming_motion(limits);
-        let distance_mm = limits.beyond_trail_mm(distance_mm);
-        let a = incoming.acceleration_mm_s2;
-        let gap_s = window_s + SAMPLE_S;
-        let flat = |flat_mm: f32| math::max(flat_mm, incoming.flat_mm);
-        let passed_mm = 0.5 * sample_s * speed_mm_s;
-        // The lower of the speeds that two limits allow, each from a speed that is possible in any case.
-        let most = |double: f32, time_s: f32, low: [f32; 2], high: [f32; 2]| {
-            let half = 0.5 * double * (time_s + 0.5 * sample_s);
-            let room = |[speed, distance_mm]: [f32; 2]| {
-                let begun = speed * (speed + double * time_s);
-                let grown = begun + double * (distance_mm - passed_mm);
-                math::max(grown, speed * (speed + 2.0 * half))
-            };
-            let room = math::min(room(low), room(high));
-            room / math::max(half + math::sqrt(half * half + room), MIN_DIVISOR_MM_S)
+        wanted_mm_s2: f32,
+        state: &PathState,
+        jerk_mm_s3: f32,
+    ) -> f32 {
+        let size = wanted_mm_s2.abs();
+        let per_mm_s3 = 1.0 / jerk_mm_s3;
+        let near = LowAcceleration {
+            mm_s2: self.near.mm_s2(),
+            distance_mm: 0.0,
         };
-        let low = [self.brake_mm_s, distance_mm - flat(self.brake_flat_mm)];
-        let high = [self.cap_mm_s, distance_mm - flat(self.cap_mm)];
-        let brake = most(2.0 * a, 0.0, low, high);
-        // Cruising ends before the junction, ...
-        let ends_here = math::max(distance_mm - passed_mm, 0.0) / (gap_s + 0.5 * sample_s);
-        let within = math::min(
-            low[0] * low[0] + 2.0 * a * (low[1] - passed_mm),
-            high[0] * high[0] + 2.0 * a * (high[1] - passed_mm),
-        );
-        let half = a * (gap_s + 0.5 * sample_s);
-        let within = math::max(within, 0.0);
-        let within = within / math::max(half + math::sqrt(half * half + within), MIN_DIVISOR_MM_S);
-        let here = math::min(within, ends_here);
-        // ... or behind it.
-        let double = 2.0 * math::min(a, self.braking.mm_s2());
-        let low = [
-            self.free_mm_s,
-            distance_mm - self.free_flat(incoming, gap_s),
-        ];
-        let far_mm = flat(self.cap_mm) + self.cap_mm_s * gap_s;
-        let there = most(double, gap_s, low, [self.cap_mm_s, distance_mm - far_mm]);
-        (brake, math::min(math::max(here, there), brake))
+        let mut lowered = size;
+        for low in [near, self.lowest] {
+            let excess = size - low.mm_s2;
+            let seconds = excess * per_mm_s3 + LOWERING_S;
+            let passed_mm = (state.speed_mm_s + 0.5 * size * seconds) * seconds;
+            if excess > 0.0 && state.remaining_mm + low.distance_mm < passed_mm {
+                lowered = math::min(lowered, low.mm_s2);
+            }
+        }
+        let lowest = state.acceleration_mm_s2.abs() - jerk_mm_s3 * SAMPLE_S;
+        math::min(math::max(lowered, lowest), size).copysign(wanted_mm_s2)
     }
 }

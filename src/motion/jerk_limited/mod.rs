@@ -6,6 +6,7 @@ mod plan;
 mod profile;
 mod reference;
 
+pub use junctions::TARGETS_AHEAD;
 pub use plan::BLOCKS_PER_PART;
 
 pub(super) use self::{

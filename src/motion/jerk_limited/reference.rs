@@ -1,26 +1,49 @@
 //! The reference motion: its distance along the path in each sample of 1 ms.
 
-use super::junctions::{BlockLimits, JunctionLimit, influence_mm};
-use crate::{math, model::timing::SAMPLE_S, motion::limits::NO_SPEED_LIMIT_MM_S};
+use super::junctions::{BlockLimits, JunctionLimit, PathState, TargetsAhead};
+use crate::{math, model::timing::SAMPLE_S, motion::limits::NO_ACCELERATION_LIMIT_MM_S2};
 
-/// Share of a sample's change of speed by which the last sample before a standstill may be too long:
-/// it bounds the remainder of rounding (tests in profile/tests.rs).
-const FINAL_SAMPLE_TOLERANCE: f32 = 0.05;
+/// Greatest speed before the last sample of a motion to a standstill, mm/s, unless a sample's jerk allows more.
+const FINAL_MM_S: f32 = 0.02;
+/// Part of the jerk that the last sample may have: the distance left adds to the jerk.
+const FINAL_JERK_PART: f32 = 0.6;
+/// Distance that braking aims to leave, for an acceleration of 1 mm/s², mm: the cost of an acceleration that comes to
+/// its limit within a sample, t²/8.
+const AIMED_MM_PER_MM_S2: f32 = 0.125 * SAMPLE_S * SAMPLE_S;
+/// How many times that distance may be left before a standstill.
+const FINAL_TIMES: f32 = 3.0;
+/// Distance that is made up for in a sample, mm; or more, a part of the remainder and of the distance that a sample's jerk
+/// makes. None is seen as a jerk (tests in profile/tests.rs).
+const FINAL_MM: f32 = 4.0e-5;
+const FINAL_SHARE: f32 = 0.33;
+const FINAL_PART: f32 = 0.18;
+/// Distance in two samples up to which a change by that is no jerk, mm.
+const CREEP_MM: f32 = 4.0e-5;
 
 /// Distance that the reference leaves out of the path between two standstills, units: rounding then never
 /// lets the machine be at the end before it is at a standstill.
-const LENGTH_RESERVE_UNITS: u64 = 16;
+const LENGTH_RESERVE_UNITS: u64 = 64;
 
-/// Factor by which late braking may exceed the block's acceleration. Each sample's speed is rounded in
-/// one direction: that adds up to some 20 nm, which the last sample would have to make up for.
-const BRAKING_TOLERANCE: f32 = 1.001;
+/// Factors by which braking, and its jerk, may exceed the plan's: accelerations change from sample to sample, where
+/// the plan's may do so within a sample.
+const BRAKING_TOLERANCE: f32 = 1.004;
+const JERK_TOLERANCE: f32 = 1.01;
 
-/// Factor up to which an acceleration is no lower than another: a small change of direction makes no
-/// more of a difference.
-const ACCELERATION_TOLERANCE: f32 = 1.005;
+/// Greatest share of the difference between the lowest acceleration and an unsafe one that is tried. A target passed
+/// more slowly is no target any more, so that little can be interpolated: with a share of 1, programs of short lines
+/// take 1 % longer.
+const MOST_SHARE: f32 = 0.5;
 
-/// Units of distance in a mm: 1 nm.
-pub(super) const UNITS_PER_MM: f32 = 1_048_576.0;
+/// Distance that a slack may be short of, mm and s of motion: braking with its tolerance makes up for it.
+const SLACK_TOLERANCE_MM: f32 = 2.0e-4;
+const SLACK_TOLERANCE_S: f32 = 1.0e-4;
+
+/// Distance beyond which a slack is short because limits have changed, mm: braking suits the next blocks then, too, as a
+/// limit is exceeded in any case.
+const OVERSPEED_MM: f32 = 0.01;
+
+/// Units of distance in a mm: a quarter of a nm.
+pub(super) const UNITS_PER_MM: f32 = 4_194_304.0;
 /// A unit of distance, mm.
 pub(super) const UNIT_MM: f32 = 1.0 / UNITS_PER_MM;
 
@@ -30,8 +53,6 @@ pub(in crate::motion) trait BlocksAhead {
     fn limits(&self, number: usize) -> Option<BlockLimits>;
     /// The junction limit at its end.
     fn junction(&self, number: usize) -> &JunctionLimit;
-    /// Greatest speed at its end, mm/s.
-    fn corner_mm_s(&self, number: usize) -> f32;
 }
 
 /// The sample that leaves the averaging window.
@@ -73,23 +94,39 @@ pub(in crate::motion) struct ReferenceMotion {
     /// Remainder of rounding lengths to units, units.
     length_remainder: f32,
     speed_mm_s: f32,
-    /// Samples since the reference has accelerated.
-    since_acceleration: usize,
-    /// Greatest speed for `cap_mm` behind slower points.
-    cap_mm_s: f32,
-    cap_mm: f32,
+    /// Acceleration in the newest sample, mm/s².
+    acceleration_mm_s2: f32,
+    /// Distances in the newest samples, units.
+    newest: [u32; 2],
+    /// It exceeds limits that have changed.
+    is_overspeed: bool,
+    /// Greatest accelerations of the blocks of the newest samples, mm/s²: the machine is behind the reference, and has
+    /// their jerk.
+    recent_limits_mm_s2: [f32; 2],
 }
 
-/// The limits of the next sample.
-struct SampleLimits {
-    /// Greatest speed at its end that leaves the distance to brake, mm/s.
-    brake: f32,
-    /// The same if the sample accelerates, mm/s.
-    free: f32,
-    /// Lowest speed limit of the blocks, mm/s.
-    top: f32,
-    /// Greatest change of speed by braking, mm/s.
-    hardest: f32,
+/// The part of the path that the next sample may touch.
+struct SampleLimits<'a> {
+    limits: BlockLimits,
+    junction: &'a JunctionLimit,
+    remaining_mm: f32,
+    /// Jerk of the next sample, mm/s³.
+    jerk_mm_s3: f32,
+    /// What braking aims to leave of a distance, mm.
+    aimed_mm: f32,
+    ahead: TargetsAhead,
+    /// The inverse of the ramp time, 1/s.
+    per_ramp_s: f32,
+}
+
+impl SampleLimits<'_> {
+    /// Jerk of a standstill, which may come in a block of less of it, mm/s³.
+    fn ending_jerk_mm_s3(&self) -> f32 {
+        math::min(
+            self.jerk_mm_s3,
+            self.junction.ending_mm_s2() * self.per_ramp_s,
+        )
+    }
 }
 
 impl ReferenceMotion {
@@ -101,19 +138,15 @@ impl ReferenceMotion {
         carry: 0.0,
         length_remainder: 0.0,
         speed_mm_s: 0.0,
-        since_acceleration: usize::MAX,
-        cap_mm_s: NO_SPEED_LIMIT_MM_S,
-        cap_mm: 0.0,
+        acceleration_mm_s2: 0.0,
+        newest: [0; 2],
+        is_overspeed: false,
+        recent_limits_mm_s2: [NO_ACCELERATION_LIMIT_MM_S2; 2],
     };
 
     /// Whether the reference moves.
     pub(in crate::motion) fn is_moving(&self) -> bool {
         self.speed_mm_s > 0.0
-    }
-
-    /// The speed of the reference, mm/s.
-    pub(in crate::motion) fn speed_mm_s(&self) -> f32 {
-        self.speed_mm_s
     }
 
     /// The number of the block that the reference is in, the oldest is 0.
@@ -148,9 +181,13 @@ impl ReferenceMotion {
         blocks: &impl BlocksAhead,
         stops: bool,
         leaving: LeavingSample,
-        window_s: f32,
+        ramp_s: f32,
     ) -> Sample {
-        let distance = self.next_distance(blocks, stops, leaving, window_s);
+        let distance = self.next_distance(blocks, stops, leaving, ramp_s);
+        if self.speed_mm_s <= 0.0 {
+            self.acceleration_mm_s2 = 0.0;
+        }
+        self.newest = [distance, self.newest[0]];
         Sample {
             distance,
             end_mm_s: self.speed_mm_s,
@@ -162,154 +199,187 @@ impl ReferenceMotion {
         blocks: &impl BlocksAhead,
         stops: bool,
         leaving: LeavingSample,
-        window_s: f32,
+        ramp_s: f32,
     ) -> u32 {
-        self.since_acceleration = self.since_acceleration.saturating_add(1);
-        if !self.is_begun {
-            let Some(limits) = blocks.limits(self.number) else {
-                return 0;
-            };
-            self.enter(&limits);
-            self.remaining = self.remaining.saturating_sub(LENGTH_RESERVE_UNITS);
-        }
-        if self.remaining == 0 && !self.start_block(blocks, leaving.is_standstill) {
+        let is_between = !self.is_begun || self.remaining == 0;
+        if is_between && !self.start_block(blocks, leaving.is_standstill) {
             self.speed_mm_s = 0.0;
             return 0;
         }
         let Some(limits) = blocks.limits(self.number) else {
             return 0;
         };
-        let junction = blocks.junction(self.number);
-        let remaining_mm = self.remaining_mm();
-        let v = self.speed_mm_s;
-        let gain = junction.acceleration(&limits, remaining_mm) * SAMPLE_S;
-        let bounds = self.sample_limits(blocks, &limits, gain, window_s);
-        let most = v + math::min(gain, math::max(leaving.change + gain, 0.0));
-        let hardest = bounds.hardest * BRAKING_TOLERANCE;
-        let lowest = v + math::max(-hardest, math::min(leaving.change - hardest, 0.0));
-        let mut reached = math::min(most, math::min(bounds.top, self.cap_mm_s));
-        if reached > v {
-            reached = math::max(v, math::min(reached, bounds.free));
+        let path = self.sample_limits(blocks, &limits, ramp_s);
+        let before = self.speed_mm_s;
+        let change = FINAL_JERK_PART * path.jerk_mm_s3 * SAMPLE_S;
+        let final_mm = 0.5 * before * SAMPLE_S;
+        let final_change = (before * (1.0 / SAMPLE_S) + self.acceleration_mm_s2).abs();
+        let is_final = before <= change * SAMPLE_S && final_change <= change;
+        if path.junction.is_stop()
+            && (is_final || before <= FINAL_MM_S)
+            && path.remaining_mm <= final_mm + FINAL_TIMES * path.aimed_mm
+        {
+            return self.creep(blocks, &path, final_mm);
         }
-        reached = if stops {
-            0.0
-        } else {
-            math::min(reached, bounds.brake)
+        let Some(acceleration) = self.next_acceleration(&path, stops) else {
+            return self.creep(blocks, &path, 0.0);
         };
-        reached = math::max(reached, math::max(lowest, 0.0));
-        let last_mm = (0.5 * v + FINAL_SAMPLE_TOLERANCE * gain) * SAMPLE_S;
-        if junction.is_stop() && v <= gain && remaining_mm <= last_mm {
-            // Less than a sample of braking is left.
-            self.speed_mm_s = 0.0;
-            self.carry = 0.0;
-            return self.advance(blocks, self.remaining, window_s);
-        }
-        if reached > v {
-            self.since_acceleration = 0;
-        }
-        self.speed_mm_s = reached;
-        let distance = 0.5 * (v + reached) * (SAMPLE_S * UNITS_PER_MM) + self.carry;
+        self.recent_limits_mm_s2 = [path.limits.acceleration_mm_s2, self.recent_limits_mm_s2[0]];
+        let after = math::max(before + acceleration * SAMPLE_S, 0.0);
+        self.acceleration_mm_s2 = acceleration;
+        self.speed_mm_s = after;
+        let distance = 0.5 * (before + after) * (SAMPLE_S * UNITS_PER_MM) + self.carry;
         let whole = distance as u32;
         self.carry = distance - whole as f32;
-        self.advance(blocks, u64::from(whole), window_s)
+        self.advance(blocks, u64::from(whole))
     }
 
-    /// The limits of the next sample, from the blocks that it may touch.
-    fn sample_limits(
-        &self,
-        blocks: &impl BlocksAhead,
-        limits: &BlockLimits,
-        gain: f32,
-        window_s: f32,
-    ) -> SampleLimits {
-        let far_mm = (self.speed_mm_s + 0.5 * gain) * SAMPLE_S;
-        let junction = blocks.junction(self.number);
-        let mut bounds = SampleLimits {
-            brake: NO_SPEED_LIMIT_MM_S,
-            free: NO_SPEED_LIMIT_MM_S,
-            top: limits.speed_mm_s,
-            hardest: gain,
-        };
-        let mut distance_mm = self.remaining_mm();
-        let mut limits = *limits;
-        let mut ahead = junction;
-        if distance_mm < far_mm
-            && !junction.is_stop()
-            && let Some(next) = blocks.limits(self.number + 1)
-        {
-            // The sample may come to the end of the block.
-            [bounds.brake, bounds.free] = junction.speeds_at_junction();
-            bounds.top = math::min(bounds.top, next.speed_mm_s);
-            distance_mm += next.length_mm;
-            limits = next;
-            ahead = blocks.junction(self.number + 1);
-            let next_gain = ahead.acceleration(&limits, limits.length_mm) * SAMPLE_S;
-            bounds.hardest = math::max(bounds.hardest, next_gain);
+    /// Goes on by what is left before a standstill, or a part of that.
+    #[inline(never)]
+    fn creep(&mut self, blocks: &impl BlocksAhead, path: &SampleLimits, final_mm: f32) -> u32 {
+        self.speed_mm_s = 0.0;
+        self.carry = 0.0;
+        let most_mm = math::max(final_mm, self.made_up_mm(path));
+        let most = (most_mm * UNITS_PER_MM) as u32;
+        self.advance(blocks, self.remaining.min(u64::from(most.max(1))))
+    }
+
+    /// Returns what is made up for in a sample before a standstill, mm.
+    fn made_up_mm(&self, path: &SampleLimits) -> f32 {
+        let by_jerk_mm = path.jerk_mm_s3 * (SAMPLE_S * SAMPLE_S * SAMPLE_S);
+        let part_mm = math::min(FINAL_PART * by_jerk_mm, FINAL_SHARE * path.remaining_mm);
+        let most_mm = math::max(FINAL_MM, part_mm);
+        let [newest_mm, older_mm] = self.newest.map(|distance| distance as f32 * UNIT_MM);
+        if newest_mm + older_mm <= CREEP_MM {
+            most_mm
+        } else {
+            math::min(most_mm, 2.0 * newest_mm - older_mm + by_jerk_mm)
         }
-        let (brake, free) = ahead.speeds(&limits, distance_mm, self.speed_mm_s, SAMPLE_S, window_s);
-        bounds.brake = math::min(bounds.brake, brake);
-        bounds.free = math::min(bounds.free, free);
-        bounds
     }
 
-    /// Whether the reference is faster than the junction limit ahead allows.
-    pub(in crate::motion) fn exceeds_junction(
+    /// The part of the path that the next sample may touch.
+    fn sample_limits<'a>(
         &self,
-        blocks: &impl BlocksAhead,
-        window: usize,
-        window_s: f32,
-    ) -> bool {
-        let Some(limits) = blocks.limits(self.number) else {
-            return false;
+        blocks: &'a impl BlocksAhead,
+        limits: &BlockLimits,
+        ramp_s: f32,
+    ) -> SampleLimits<'a> {
+        let junction = blocks.junction(self.number);
+        let remaining_mm = self.remaining_mm();
+        let farthest_mm = (self.speed_mm_s + limits.acceleration_mm_s2 * SAMPLE_S) * SAMPLE_S;
+        let next = if remaining_mm < farthest_mm && !junction.is_stop() {
+            let next = blocks.limits(self.number + 1);
+            next.map(|next| (next, blocks.junction(self.number + 1)))
+        } else {
+            None
         };
+        let [newest, older] = self.recent_limits_mm_s2;
+        let recent = math::min(newest, older);
+        let per_ramp_s = 1.0 / ramp_s;
+        SampleLimits {
+            ahead: TargetsAhead::new(limits, junction, next, ramp_s),
+            jerk_mm_s3: math::min(limits.acceleration_mm_s2, recent) * per_ramp_s,
+            per_ramp_s,
+            aimed_mm: AIMED_MM_PER_MM_S2 * junction.braking_mm_s2(limits),
+            limits: *limits,
+            junction,
+            remaining_mm,
+        }
+    }
+
+    /// The acceleration of the next sample, mm/s²: the greatest of a safe motion. None if less is left, of one block or
+    /// several, than braking aims to leave.
+    fn next_acceleration(&mut self, path: &SampleLimits, stops: bool) -> Option<f32> {
+        let (limits, speed, before) = (&path.limits, self.speed_mm_s, self.acceleration_mm_s2);
+        let jerk = path.jerk_mm_s3;
+        let change = jerk * SAMPLE_S;
+        let braking = path.junction.braking_mm_s2(limits);
+        let hardest_end = approach(-speed, math::min(jerk, braking * path.per_ramp_s));
+        let lowest = math::max(
+            before - JERK_TOLERANCE * change,
+            -BRAKING_TOLERANCE * braking,
+        );
+        let lowest = math::min(math::max(lowest, hardest_end), before + change);
+        let is_overspeed = self.is_overspeed && speed > 0.0;
+        let (difference, ending) = if stops || is_overspeed {
+            (-speed, path.ending_jerk_mm_s3())
+        } else {
+            (limits.speed_mm_s - speed, jerk)
+        };
+        let evenly = approach(difference, ending);
+        let most = math::min(before + change, limits.acceleration_mm_s2);
+        let (wanted, least) = if is_overspeed {
+            (lowest, evenly)
+        } else {
+            (math::min(most, evenly), lowest)
+        };
+        let state = PathState {
+            speed_mm_s: speed,
+            acceleration_mm_s2: before,
+            remaining_mm: path.remaining_mm,
+        };
+        let wanted = path.junction.lowered_for_next(wanted, &state, jerk);
+        let wanted = math::max(wanted, least);
+        let ahead = &path.ahead;
+        let after = |acceleration| Self::state_after(speed, path, acceleration);
+        let (slack, nearest) = ahead.least_slack_mm(&after(wanted));
+        if slack >= 0.0 && !is_overspeed {
+            self.is_overspeed = false;
+            return Some(wanted);
+        }
+        if speed <= 0.0 {
+            return stops.then_some(0.0);
+        }
+        let least = ahead.slack_mm(nearest, &after(lowest));
+        self.is_overspeed = least < -OVERSPEED_MM;
+        if is_overspeed {
+            return Some(wanted);
+        }
+        if least <= 0.0 {
+            return Some(lowest);
+        }
+        let share = math::min(least / (least - slack), MOST_SHARE);
+        let tried = lowest + share * (wanted - lowest);
+        let is_safe = ahead.least_slack_mm(&after(tried)).0 >= 0.0;
+        Some(if is_safe { tried } else { lowest })
+    }
+
+    /// Where the mean of the next sample and the one before it is at its end, with an acceleration in the next.
+    fn state_after(speed_mm_s: f32, path: &SampleLimits, acceleration_mm_s2: f32) -> PathState {
+        let gain = acceleration_mm_s2 * SAMPLE_S;
+        let passed_mm = (0.5 * speed_mm_s + (1.0 / 6.0) * gain) * SAMPLE_S;
+        PathState {
+            speed_mm_s: speed_mm_s + 0.5 * gain,
+            acceleration_mm_s2,
+            remaining_mm: path.remaining_mm - passed_mm - path.aimed_mm,
+        }
+    }
+
+    /// Whether the reference cannot keep what the blocks ahead ask for.
+    pub(in crate::motion) fn is_too_fast(&self, blocks: &impl BlocksAhead, ramp_s: f32) -> bool {
         if !self.is_begun || !self.is_moving() {
             return self.is_begun && self.remaining == 0;
         }
-        let junction = blocks.junction(self.number);
-        let remaining_mm = self.remaining_mm();
-        let (brake, free) = junction.speeds(&limits, remaining_mm, self.speed_mm_s, 0.0, window_s);
-        let limit = if self.since_acceleration < window {
-            free
-        } else {
-            brake
-        };
-        self.speed_mm_s > limit * 1.001
-    }
-
-    /// Whether a corner `ahead_mm` ahead that was not known asks for a lower speed within its influence
-    /// than the reference may have had, or for a lower acceleration.
-    pub(in crate::motion) fn exceeded_corner(
-        &self,
-        blocks: &impl BlocksAhead,
-        ahead_mm: f32,
-        corner_mm_s: f32,
-        window_s: f32,
-    ) -> bool {
-        let within_mm = influence_mm(corner_mm_s, window_s) - ahead_mm;
         let Some(limits) = blocks.limits(self.number) else {
             return false;
         };
-        if !self.is_moving() || within_mm <= 0.0 {
-            return false;
-        }
-        let remaining_mm = self.remaining_mm();
-        let junction = blocks.junction(self.number);
-        let is_softer = junction.acceleration(&limits, remaining_mm) * ACCELERATION_TOLERANCE
-            < limits.acceleration(remaining_mm);
-        let gained = 2.0 * limits.acceleration_mm_s2 * within_mm;
-        let fastest_sqr = self.speed_mm_s * self.speed_mm_s + gained;
-        is_softer || fastest_sqr > corner_mm_s * corner_mm_s
+        let path = self.sample_limits(blocks, &limits, ramp_s);
+        let change = path.jerk_mm_s3 * SAMPLE_S;
+        let hardest = -path.junction.braking_mm_s2(&path.limits);
+        let lowest = math::max(self.acceleration_mm_s2 - change, hardest);
+        let tolerance_mm = SLACK_TOLERANCE_MM + SLACK_TOLERANCE_S * self.speed_mm_s;
+        let state = Self::state_after(self.speed_mm_s, &path, lowest);
+        path.ahead.least_slack_mm(&state).0 < -tolerance_mm
     }
 
     /// Goes on by a distance at most; returns how far.
-    fn advance(&mut self, blocks: &impl BlocksAhead, distance: u64, window_s: f32) -> u32 {
+    fn advance(&mut self, blocks: &impl BlocksAhead, distance: u64) -> u32 {
         let here = distance.min(self.remaining);
         self.remaining -= here;
-        self.consume_cap(here);
         if self.remaining != 0 {
             return distance as u32;
         }
-        if !self.pass_junction(blocks, window_s) {
+        if !self.pass_junction(blocks) {
             self.speed_mm_s = 0.0;
             return here as u32;
         }
@@ -317,65 +387,31 @@ impl ReferenceMotion {
         // block by rounding is left out, so that its end is passed in motion, too.
         let there = (distance - here).min(self.remaining.saturating_sub(1));
         self.remaining -= there;
-        self.consume_cap(there);
         (here + there) as u32
     }
 
-    #[inline(never)]
-    fn consume_cap(&mut self, distance: u64) {
-        self.cap_mm -= distance as u32 as f32 * UNIT_MM;
-        if self.cap_mm <= 0.0 {
-            self.cap_mm_s = NO_SPEED_LIMIT_MM_S;
-            self.cap_mm = 0.0;
-        }
-    }
-
     /// Passes the end of a block in motion; returns whether that is allowed.
-    fn pass_junction(&mut self, blocks: &impl BlocksAhead, window_s: f32) -> bool {
-        let (Some(limits), Some(next)) =
-            (blocks.limits(self.number), blocks.limits(self.number + 1))
-        else {
+    fn pass_junction(&mut self, blocks: &impl BlocksAhead) -> bool {
+        let next = blocks.limits(self.number + 1);
+        let Some(next) = next.filter(|_| !blocks.junction(self.number).is_stop()) else {
             return false;
         };
-        if blocks.junction(self.number).is_stop() {
-            return false;
-        }
-        let half = 0.5 / math::min(limits.acceleration_mm_s2, next.acceleration_mm_s2);
-        // After a change of overrides the reference may be faster than the new limits: then the old
-        // ones hold around the junction.
-        let limits = [limits.speed_mm_s, blocks.corner_mm_s(self.number)];
-        let [speed, corner] = limits.map(|limit| math::max(limit, self.speed_mm_s));
-        self.cap(speed, half, window_s);
-        self.cap(corner, half, window_s);
         self.number += 1;
         self.enter(&next);
         true
     }
 
-    /// Begins the next block from a standstill; returns whether there is one.
+    /// Begins the oldest block, or the next one from a standstill; returns whether there is one.
     fn start_block(&mut self, blocks: &impl BlocksAhead, is_standstill: bool) -> bool {
-        let Some(next) = blocks.limits(self.number + 1).filter(|_| is_standstill) else {
+        let number = self.number + usize::from(self.is_begun);
+        let may_begin = is_standstill || !self.is_begun;
+        let Some(next) = blocks.limits(number).filter(|_| may_begin) else {
             return false;
         };
-        self.cap_mm_s = NO_SPEED_LIMIT_MM_S;
-        self.number += 1;
+        self.number = number;
         self.enter(&next);
         self.remaining = self.remaining.saturating_sub(LENGTH_RESERVE_UNITS);
         true
-    }
-
-    /// Keeps a speed limit for its influence behind the junction; `half` of the inverse acceleration there.
-    #[inline(never)]
-    fn cap(&mut self, speed_mm_s: f32, half: f32, window_s: f32) {
-        let influence_mm = influence_mm(speed_mm_s, window_s);
-        let (low, low_mm, high, high_mm) = if speed_mm_s <= self.cap_mm_s {
-            (speed_mm_s, influence_mm, self.cap_mm_s, self.cap_mm)
-        } else {
-            (self.cap_mm_s, self.cap_mm, speed_mm_s, influence_mm)
-        };
-        let distance_mm = high_mm - half * (high * high - low * low);
-        self.cap_mm = math::max(low_mm, distance_mm);
-        self.cap_mm_s = low;
     }
 
     /// Follows the removal of the oldest block.
@@ -387,4 +423,12 @@ impl ReferenceMotion {
             self.number -= 1;
         }
     }
+}
+
+/// Returns the acceleration with which a difference of speed is made up for when it ends evenly, of either sign, mm/s²:
+/// with that of the next sample included, the root of a²/(2j) + a·t/2 = Δv.
+fn approach(difference_mm_s: f32, jerk_mm_s3: f32) -> f32 {
+    let half_s = 0.5 * SAMPLE_S;
+    let square = half_s * half_s + 2.0 * difference_mm_s.abs() / jerk_mm_s3;
+    (jerk_mm_s3 * (math::sqrt(square) - half_s)).copysign(difference_mm_s)
 }

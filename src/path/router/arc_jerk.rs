@@ -17,15 +17,15 @@ use crate::{
     axis::Axes,
     math,
     model::FeedRate,
-    path::{AveragingWindow, programmed_speed::programmed_mm_s},
+    path::{RampTime, programmed_speed::programmed_mm_s},
 };
 
 /// Greatest part of the acceleration towards the centre. The part that is left along the path is the
 /// other leg of the triangle, √(1 - 0.9²) = 0.44.
 const CENTRIPETAL_PART: f64 = 0.9;
-/// The same on arcs that the machine comes to in motion, where the programmed speed asks for it: 0.31 is
-/// left, and the arc takes 2.6 % longer than at the centripetal limit.
-const CRUISING_PART: f64 = 0.95;
+/// The same on arcs that the machine comes to in motion, where the programmed speed asks for it: 0.2 is
+/// left, and the arc takes 1 % longer than at the centripetal limit.
+const CRUISING_PART: f64 = 0.98;
 /// An arc of that angle or more is a circle: most begin and end at a standstill or a corner, rad.
 const CIRCLE_RAD: f64 = 6.0;
 /// Greatest part of the jerk at constant speed, v³k². The other half is left for changes of speed.
@@ -73,12 +73,12 @@ impl ArcJerk {
     }
 
     /// Returns the same within the jerk limit, mm/s².
-    fn along_mm_s2(&self, speed_mm_s: f32, window: AveragingWindow) -> f32 {
+    fn along_mm_s2(&self, speed_mm_s: f32, ramp_time: RampTime) -> f32 {
         let speed = f64::from(speed_mm_s);
         let jerk = f64::from(self.jerk_mm_s3);
         let centripetal = speed * speed * self.curvature_per_mm;
-        // The root of (a/T + p)² + (q·a)² = j² for a, with the averaging window T.
-        let per_s = 1.0 / f64::from(window.seconds());
+        // The root of (a/T + p)² + (q·a)² = j² for a, with the ramp time T.
+        let per_s = 1.0 / f64::from(ramp_time.seconds());
         let p = speed * centripetal * self.curvature_per_mm;
         let q = 3.0 * speed * self.curvature_per_mm;
         let square = per_s * per_s + q * q;
@@ -99,7 +99,7 @@ impl Limits {
     /// Returns the limit of the squared speed at a change of curvature, (mm/s)².
     pub(super) fn curvature_sqr(&self, change_per_mm: &Axes<f32>) -> f32 {
         let square = math::dot(&change_per_mm.0, &change_per_mm.0);
-        if !self.window.is_jerk_limited() || square <= 0.0 {
+        if !self.ramp_time.is_jerk_limited() || square <= 0.0 {
             return f32::MAX;
         }
         let per_mm = math::sqrt(square);
@@ -109,7 +109,7 @@ impl Limits {
 
     /// Returns whether an arc has to keep the jerk limit.
     pub(super) fn limits_jerk_of_arcs(&self) -> bool {
-        self.window.is_jerk_limited() && self.junction_deviation_mm <= 0.0
+        self.ramp_time.is_jerk_limited() && self.junction_deviation_mm <= 0.0
     }
 
     /// Returns the greatest speed and the tangential acceleration on an arc of an angle, from their values without a
@@ -121,7 +121,7 @@ impl Limits {
         feed_rate: FeedRate,
         (length_mm, sweep_rad): (f32, f64),
     ) -> (f32, f32) {
-        if !self.window.is_jerk_limited() || self.limits_jerk_of_arcs() {
+        if !self.ramp_time.is_jerk_limited() || self.limits_jerk_of_arcs() {
             let limits = (speed_mm_s, acceleration_mm_s2);
             return self.jerk_limited(ends, limits, feed_rate, length_mm);
         }
@@ -152,7 +152,7 @@ impl Limits {
         feed_rate: FeedRate,
         length_mm: f32,
     ) -> (f32, f32) {
-        if self.window.is_jerk_limited() {
+        if self.ramp_time.is_jerk_limited() {
             for point in points {
                 speed_mm_s = speed_mm_s.min(point.speed_mm_s());
             }
@@ -160,7 +160,7 @@ impl Limits {
             let fastest = speed_mm_s.min(MAX_FEED_OVERRIDE * programmed);
             for point in points {
                 acceleration_mm_s2 =
-                    acceleration_mm_s2.min(point.along_mm_s2(fastest, self.window));
+                    acceleration_mm_s2.min(point.along_mm_s2(fastest, self.ramp_time));
             }
         }
         (speed_mm_s, acceleration_mm_s2)
@@ -175,7 +175,7 @@ impl Limits {
         radius_mm: f32,
         acceleration: f32,
     ) -> f32 {
-        if !self.window.is_jerk_limited() {
+        if !self.ramp_time.is_jerk_limited() {
             return acceleration * radius_mm;
         }
         let arc = self.corner_arc_jerk(shares, radius_mm, acceleration);

@@ -10,7 +10,7 @@ use crate::{
     axis::{AXES, Axes, LINEAR},
     math,
     model::{FeedRate, core_xy},
-    path::{AveragingWindow, programmed_speed::programmed_mm_s},
+    path::{RampTime, programmed_speed::programmed_mm_s},
     settings::Settings,
     units::StepsPerMm,
 };
@@ -26,7 +26,7 @@ pub(crate) struct Limits {
     pub(super) acceleration_mm_s2: Axes<f32>,
     /// [`f32::MAX`] without a limit.
     pub(super) jerk_mm_s3: Axes<f32>,
-    pub(super) window: AveragingWindow,
+    pub(super) ramp_time: RampTime,
     pub(super) junction_deviation_mm: f32,
     /// Greatest step rate of all axes together.
     pub(super) steps_per_s: f32,
@@ -48,7 +48,7 @@ impl Limits {
     pub(super) fn new(settings: &Settings) -> Self {
         let step_rate = settings.greatest_step_rate_hz();
         let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
-        let window = AveragingWindow::new(settings);
+        let ramp_time = RampTime::new(settings);
         Self {
             steps_per_mm,
             speed_mm_s: settings.max_rate_mm_min.zip(steps_per_mm, |rate, steps| {
@@ -56,9 +56,11 @@ impl Limits {
             }),
             acceleration_mm_s2: settings
                 .acceleration_mm_s2
-                .zip(settings.jerk_mm_s3, |a, jerk| window.acceleration(a, jerk)),
+                .zip(settings.jerk_mm_s3, |a, jerk| {
+                    ramp_time.acceleration(a, jerk)
+                }),
             jerk_mm_s3: (settings.jerk_mm_s3).map(|jerk| if jerk > 0.0 { jerk } else { f32::MAX }),
-            window,
+            ramp_time,
             junction_deviation_mm: settings.junction_deviation_mm,
             steps_per_s: settings.step_rate.hz() as f32,
             is_core_xy: settings.core_xy,
@@ -162,7 +164,7 @@ impl Limits {
 
     /// Returns true if an axis has a jerk limit.
     pub(crate) fn is_jerk_limited(&self) -> bool {
-        self.window.is_jerk_limited()
+        self.ramp_time.is_jerk_limited()
     }
 
     /// Returns the acceleration along a line, mm/s².

@@ -1,27 +1,24 @@
-//! The averaging window that turns acceleration limits into jerk limits.
+//! The ramp time: how long an acceleration takes to be there, with limits of jerk.
 //!
-//! The speed of a reference of constant acceleration a, averaged over a time T, has a jerk of a/T.
+//! It is the same for all axes and directions: a jerk is an acceleration divided by it.
 
 use crate::{axis::AXES, math, model::timing::SAMPLE_S, settings::Settings};
 
-/// Shortest window, samples. The mean of a single one exceeds accelerations by 2 % where blocks come late
-/// (`so_do_blocks_that_come_late` in `motion/jerk_limited/profile/tests.rs`), that of two does not; the
-/// remainder is reserve.
+/// Shortest ramp time, samples: an acceleration that rises in fewer of them would be none of even jerk.
 const MIN_SAMPLES: usize = 5;
 
-/// Longest window, samples: the reference keeps as many. A jerk limit that asks for a longer one
-/// lowers the acceleration instead.
+/// Longest ramp time, samples. A jerk limit that asks for a longer one lowers the acceleration instead.
 const MAX_SAMPLES: usize = 120;
 
-/// The window over which speeds of the reference are averaged.
+/// The time in which accelerations rise to their limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct AveragingWindow {
+pub(crate) struct RampTime {
     /// Length, samples; 0 without a jerk limit.
     pub(crate) samples: usize,
 }
 
-impl AveragingWindow {
-    /// The shortest window that keeps the jerk limit of every axis at its full acceleration.
+impl RampTime {
+    /// The shortest one that keeps the jerk limit of every axis at its full acceleration.
     pub(crate) fn new(settings: &Settings) -> Self {
         let mut longest_s = 0.0;
         for axis in 0..AXES {
@@ -44,7 +41,7 @@ impl AveragingWindow {
         self.samples != 0
     }
 
-    /// Returns the length, s; 0 without a jerk limit.
+    /// Returns the ramp time, s; 0 without a jerk limit.
     pub(crate) fn seconds(self) -> f32 {
         self.samples as f32 * SAMPLE_S
     }
