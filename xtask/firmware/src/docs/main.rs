@@ -203,8 +203,8 @@ const SPINDLE: &str = "\n## The spindle\n\n\
 /// What limits of jerk do.
 const JERK: &str = "\n## Limits of jerk\n\n\
     `$800` and on limit how fast the acceleration of an axis changes. With 0 on every axis, acceleration is\n\
-    there at once. With a limit it takes a time: 500 mm/s² at 10 000 mm/s³ take 50 ms, and so much\n\
-    longer takes every ramp. That is quieter, and leaves no ringing on a machine whose frame swings.\n\n\
+    there at once. With a limit it takes a time: 500 mm/s² at 10 000 mm/s³ take 50 ms, and a ramp takes\n\
+    that much longer at most. That is quieter, and leaves no ringing on a machine whose frame swings.\n\n\
     As soon as one axis has a limit, all motion but homing and parking changes its acceleration evenly, within\n\
     the same time for all axes: the longest of `$120` / `$800`, `$121` / `$801` and so on, in whole\n\
     milliseconds, 5 at least. If that is more than 120 ms, the acceleration is lowered\n\
