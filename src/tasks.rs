@@ -14,7 +14,8 @@
 //! Everything is generic and inlined into the interrupt: the machine code is the same as of a body written for the
 //! chip. [`step`] looks the pins up and releases `segment_start` without a branch. [`serial_rx`] is also inlined into
 //! code in RAM. [`serial_tx`] releases a task twice at most while the queue drains: a release costs more than the
-//! sending of a byte.
+//! sending of a byte. [`prepare`] releases itself in its last call alone: of two calls the compiler makes one, for a task
+//! that the proof does not know.
 
 use heapless::spsc::{Consumer, Producer};
 use rtic_core::Mutex;
@@ -22,7 +23,7 @@ use rtic_core::Mutex;
 use crate::{
     machine::{BreakDetector, Inputs, Snapshot, Watch},
     model::{Awaited, Levels, Outputs, Release, Requests, queues::SENT_RING},
-    motion::Motion,
+    motion::{Motion, Prepared},
     path::Entry,
     protocol::{
         ByteCount, ByteReader, ByteWriter, DamagedByte, Progress, Session, Utf8RequestWatch,
@@ -281,36 +282,38 @@ pub fn prepare(
         requests.end_delay();
     }
     motion.set_time(platform.now_ticks());
-    let prepared =
-        snapshot.lock(|snapshot| motion.run(requests, inputs, segments, entries, events, snapshot));
-    if let Some(event) = events.appended_late(segments) {
-        steps.append(event);
-        events.append(event);
-    }
-    let is_at_rest = !segments.is_running() && !prepared.start_steps;
-    if is_at_rest {
-        platform.set_duty(motion.outputs().duty);
-    }
-    // A change made in motion may still have to be switched at rest.
-    if prepared.outputs_changed || is_at_rest {
-        platform.switch(motion.outputs());
-    }
-    if prepared.start_steps
-        && let Some(first) = events.set_up()
-    {
-        steps.start(first, segments);
-        platform.pend(Task::SegmentStart);
-    }
-    if prepared.outputs_changed
-        && let Some(delay_ms) = motion.take_delay_ms()
-    {
-        platform.start_delay(delay_ms);
-    }
-    if prepared.run_again {
-        platform.pend(Task::Prepare);
+    let mut prepared = Prepared::RUN_AGAIN;
+    if let Some(begun) = motion.begin_run(requests, segments) {
+        prepared = snapshot.lock(|snapshot| motion.run(begun, inputs, entries, events, snapshot));
+        if let Some(event) = events.appended_late(segments) {
+            steps.append(event);
+            events.append(event);
+        }
+        let is_at_rest = !segments.is_running() && !prepared.start_steps;
+        if is_at_rest {
+            platform.set_duty(motion.outputs().duty);
+        }
+        // A change made in motion may still have to be switched at rest.
+        if prepared.outputs_changed || is_at_rest {
+            platform.switch(motion.outputs());
+        }
+        if prepared.start_steps
+            && let Some(first) = events.set_up()
+        {
+            steps.start(first, segments);
+            platform.pend(Task::SegmentStart);
+        }
+        if prepared.outputs_changed
+            && let Some(delay_ms) = motion.take_delay_ms()
+        {
+            platform.start_delay(delay_ms);
+        }
     }
     if prepared.wake_interpret {
         platform.pend(Task::Wake);
+    }
+    if prepared.run_again {
+        platform.pend(Task::Prepare);
     }
 }
 

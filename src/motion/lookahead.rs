@@ -114,6 +114,7 @@ impl LookAhead {
             _ if !ramp_time.is_jerk_limited() => self.profile = Profile::Trapezoid,
             Profile::Trapezoid => {
                 self.profile = Profile::JerkLimited(jerk_limited::Plan::new(ramp_time));
+                jerk_limited::end_path(&mut self.queue);
             }
             Profile::JerkLimited(plan) => plan.set_ramp_time(ramp_time),
         }
@@ -182,7 +183,7 @@ impl LookAhead {
                 trapezoid::plan_part(&mut self.queue, &mut self.pass, 1, 0.0, false);
             }
             Profile::JerkLimited(_) => {
-                queued.jerk_limited.end_path();
+                jerk_limited::end_path(&mut self.queue);
                 self.pass = Pass::NEWEST_ENTRY_SPEEDS;
             }
         }
@@ -209,6 +210,7 @@ impl LookAhead {
         self.pass = Pass::Done;
         if let Profile::JerkLimited(plan) = &mut self.profile {
             plan.clear();
+            jerk_limited::end_path(&mut self.queue);
         }
     }
 

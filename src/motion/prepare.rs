@@ -66,12 +66,22 @@ pub struct Prepared {
 
 impl Prepared {
     /// There is more to do, and nothing else.
-    const RUN_AGAIN: Self = Self {
+    pub const RUN_AGAIN: Self = Self {
         run_again: true,
         start_steps: false,
         wake_interpret: false,
         outputs_changed: false,
     };
+}
+
+/// A run that has begun, with what was found then.
+#[derive(Debug, Clone, Copy)]
+pub struct BegunRun<'a> {
+    requests: &'a Requests,
+    segments: &'a SegmentRing,
+    conditions: RunConditions,
+    /// It makes a segment, or does a job.
+    makes_segment: bool,
 }
 
 /// Everything between the entries and the events. The blocks come last in memory.
@@ -91,13 +101,13 @@ pub struct Motion<const ROOM: usize = BLOCKS> {
     inputs: Levels,
     accessories: Accessories,
     published: Published,
+    average: MovingAverage,
     executor: Executor,
     /// The segment being made.
     segment: Segment,
     generator: Generator,
     homing: Homing,
     parking: Parking,
-    average: MovingAverage,
     /// `$21`.
     hard_limits: bool,
     /// `$777`.
@@ -353,27 +363,48 @@ impl Motion {
         self.now_ticks = now_ticks;
     }
 
-    /// Does one run, and publishes the machine in `snapshot`.
+    /// Begins a run. A sample of the reference is made here as a whole: the run asks for [`Prepared::RUN_AGAIN`] then, as
+    /// nothing that is published has changed, and the segment that needs the sample follows.
+    #[inline]
+    pub fn begin_run<'a>(
+        &mut self,
+        requests: &'a Requests,
+        segments: &'a SegmentRing,
+    ) -> Option<BegunRun<'a>> {
+        let conditions = self.conditions(requests, segments);
+        let makes_segment = match self.next_run(conditions, segments) {
+            NextRun::Segment => true,
+            NextRun::Job => false,
+            NextRun::Sample => {
+                self.sample_reference();
+                return None;
+            }
+        };
+        Some(BegunRun {
+            requests,
+            segments,
+            conditions,
+            makes_segment,
+        })
+    }
+
+    /// Does what remains of a run, and publishes the machine in `snapshot`.
     pub fn run(
         &mut self,
-        requests: &Requests,
+        begun: BegunRun<'_>,
         inputs: &Inputs,
-        segments: &SegmentRing,
         entries: &mut Consumer<'_, Entry>,
         events: &mut EventWriter<'_>,
         snapshot: &mut Snapshot,
     ) -> Prepared {
-        let conditions = self.conditions(requests, segments);
-        match self.next_run(conditions, segments) {
-            NextRun::Segment => {}
-            NextRun::Sample => {
-                // Nothing that is published changes, and the segment that needs the sample follows.
-                self.sample_reference();
-                return Prepared::RUN_AGAIN;
-            }
-            NextRun::Job => {
-                return self.run_job(requests, inputs, segments, entries, events, snapshot);
-            }
+        let BegunRun {
+            requests,
+            segments,
+            conditions,
+            makes_segment,
+        } = begun;
+        if !makes_segment {
+            return self.run_job(requests, inputs, segments, entries, events, snapshot);
         }
         self.make_segment(inputs, segments, events);
         let is_still = self.is_at_standstill(conditions);

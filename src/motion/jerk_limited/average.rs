@@ -8,7 +8,8 @@
 //!
 //! # Cost
 //!
-//! Whether a sample is needed is stored whenever that changes, as each run of `prepare` reads it twice.
+//! Whether a sample is needed is stored whenever that changes, as each run of `prepare` reads it twice. The fields of
+//! [`MovingAverage`] are in this order in memory: what a reset makes 0 is in parts, of which each is a few stores.
 
 use super::reference::{LeavingSample, Sample, UNIT_MM};
 use crate::{
@@ -29,11 +30,11 @@ const HALF_JERK_PER_SPEED: f32 = 0.5 / (SAMPLE_S * WINDOW_S);
 pub(in crate::motion) const SAMPLES_AHEAD: usize = 3;
 /// Time that is known when a segment is made, s: the longest segment's, and 1 µs for rounding.
 const KNOWN_S: f32 = LONGEST_SEGMENT_S + 1.0e-6;
+
 /// The moving average of the reference, from the sample being played on.
 #[derive(Debug)]
+#[repr(C)]
 pub(in crate::motion) struct MovingAverage {
-    /// Motion has limits of jerk.
-    is_active: bool,
     /// Speed at the beginnings of samples, mm/s, the one being played first.
     speeds: [f32; SAMPLES_AHEAD + 1],
     /// Half the jerk in each, mm/s³.
@@ -50,16 +51,16 @@ pub(in crate::motion) struct MovingAverage {
     sum: u32,
     /// Remainder of the division by the window's length, units.
     remainder: u32,
-    /// Index of the newest sample of the reference.
-    newest: usize,
     /// Speed at the end of that sample, mm/s.
     end_mm_s: f32,
     /// Samples since the last standstill, one more than are known ahead at most.
     age: usize,
-    /// Distance of the reference in each sample, units.
+    /// Distance of the reference in each sample, units, the oldest first.
     distances: [u32; WINDOW_SAMPLES],
-    /// Change of the reference's speed in each sample, mm/s.
+    /// Change of the reference's speed in each sample, mm/s, the oldest first.
     speed_changes_mm_s: [f32; WINDOW_SAMPLES],
+    /// Motion has limits of jerk.
+    is_active: bool,
 }
 
 /// A point of the path ahead.
@@ -75,7 +76,7 @@ pub(in crate::motion) struct PathPoint {
 
 /// The distance that a jerk takes from an evenly changing speed in a time, mm.
 fn jerk_distance_mm(half_jerk: f32, seconds: f32) -> f32 {
-    (1.0 / 6.0) * half_jerk * seconds * seconds * seconds
+    half_jerk * ((1.0 / 6.0) * seconds * seconds * seconds)
 }
 
 /// The known motion ahead: where the machine is now, and will be at the ends of samples.
@@ -91,7 +92,6 @@ pub(in crate::motion) struct Forecast {
 impl MovingAverage {
     pub(in crate::motion) const fn new() -> Self {
         Self {
-            is_active: false,
             speeds: [0.0; SAMPLES_AHEAD + 1],
             half_jerks: [0.0; SAMPLES_AHEAD],
             distances_mm: [0.0; SAMPLES_AHEAD],
@@ -100,11 +100,11 @@ impl MovingAverage {
             needs_sample: false,
             sum: 0,
             remainder: 0,
-            newest: 0,
             end_mm_s: 0.0,
             age: 0,
             distances: [0; WINDOW_SAMPLES],
             speed_changes_mm_s: [0.0; WINDOW_SAMPLES],
+            is_active: false,
         }
     }
 
@@ -124,6 +124,8 @@ impl MovingAverage {
         self.remainder = 0;
         self.end_mm_s = 0.0;
         self.age = 0;
+        self.distances = [0; WINDOW_SAMPLES];
+        self.speed_changes_mm_s = [0.0; WINDOW_SAMPLES];
         self.needs_sample = self.is_active;
     }
 
@@ -159,35 +161,26 @@ impl MovingAverage {
 
     /// The sample that leaves the window with the next one.
     pub(in crate::motion) fn leaving_sample(&self) -> LeavingSample {
-        let change = if self.age < WINDOW_SAMPLES {
-            0.0
-        } else {
-            self.speed_changes_mm_s[self.oldest()]
-        };
+        let [change, _] = self.speed_changes_mm_s;
         LeavingSample {
             change,
             is_standstill: self.sum == 0,
         }
     }
 
-    /// The index of the sample that leaves the window with the next one.
-    fn oldest(&self) -> usize {
-        self.newest.wrapping_sub(WINDOW_SAMPLES).wrapping_add(1) & (WINDOW_SAMPLES - 1)
-    }
-
     /// Adds the next sample of the reference.
     pub(in crate::motion) fn push(&mut self, sample: Sample, leaving: LeavingSample) {
-        let oldest = if self.age < WINDOW_SAMPLES {
-            0
-        } else {
-            self.distances[self.oldest()]
-        };
+        let known = self.known;
+        if known >= SAMPLES_AHEAD {
+            return;
+        }
         self.age = (self.age + 1).min(SAMPLES_AHEAD + 1);
         let change = sample.end_mm_s - self.end_mm_s;
         self.end_mm_s = sample.end_mm_s;
-        self.newest = (self.newest + 1) & (WINDOW_SAMPLES - 1);
-        self.distances[self.newest] = sample.distance;
-        self.speed_changes_mm_s[self.newest] = change;
+        let [oldest, newer] = self.distances;
+        self.distances = [newer, sample.distance];
+        let [_, newer] = self.speed_changes_mm_s;
+        self.speed_changes_mm_s = [newer, change];
         let before = self.sum.wrapping_add(self.remainder);
         self.sum = self.sum.wrapping_add(sample.distance).wrapping_sub(oldest);
         let double = before.wrapping_add(self.sum);
@@ -195,16 +188,11 @@ impl MovingAverage {
         let distance = double / shares;
         self.remainder = double - distance * shares;
         let half_jerk = (change - leaving.change) * HALF_JERK_PER_SPEED;
-        if let Some(entry) = self.half_jerks.get_mut(self.known) {
-            *entry = half_jerk;
-        }
-        if let Some(entry) = self.distances_mm.get_mut(self.known) {
-            *entry += distance as f32 * UNIT_MM - jerk_distance_mm(half_jerk, SAMPLE_S);
-        }
-        self.known += 1;
-        if let Some(speed) = self.speeds.get_mut(self.known) {
-            *speed = self.sum as f32 * SPEED_PER_UNIT;
-        }
+        self.half_jerks[known] = half_jerk;
+        self.distances_mm[known] +=
+            distance as f32 * UNIT_MM - jerk_distance_mm(half_jerk, SAMPLE_S);
+        self.known = known + 1;
+        self.speeds[known + 1] = self.sum as f32 * SPEED_PER_UNIT;
         self.update_needs_sample();
     }
 

@@ -38,9 +38,12 @@ const SPEED_TOLERANCE: f32 = 1.0005;
 const NEAR_PART: f32 = 0.3;
 /// Part of the distance that a lower speed saves behind a target: accelerations there differ by a factor of √2 where
 /// the direction changes.
-const SAVED_PART: f32 = 0.7;
-/// Time in addition to that in which an acceleration becomes lower, s: a sample, its end, and rounding.
-const LOWERING_S: f32 = 2.5 * SAMPLE_S;
+const SAVED_PART: f32 = 0.6875;
+/// Samples in addition to those in which an acceleration becomes lower: a sample, its end, and rounding.
+const LOWERING_SAMPLES: f32 = 2.5;
+/// Distance that braking aims to leave, for an acceleration of 1 mm/s², mm: the cost of an acceleration that comes to
+/// its limit within a sample, t²/8.
+pub(super) const AIMED_MM_PER_MM_S2: f32 = 0.125 * SAMPLE_S * SAMPLE_S;
 /// Steps of Newton's method for [`Braking::speed_before_mm_s`].
 const CUBIC_STEPS: u32 = 3;
 
@@ -84,19 +87,9 @@ impl Braking {
         }
     }
 
-    /// Returns the time for a change of acceleration, s.
-    fn ramp_time_s(&self, change_mm_s2: f32) -> f32 {
-        change_mm_s2 * self.ramp_s * self.per_mm_s2
-    }
-
-    /// Returns how far a motion comes until its acceleration has ended, mm, and its speed then, mm/s.
-    fn ended(&self, speed_mm_s: f32, acceleration_mm_s2: f32) -> (f32, f32) {
-        let seconds = self.ramp_time_s(acceleration_mm_s2);
-        let rise = 0.5 * acceleration_mm_s2 * seconds;
-        (
-            seconds * (speed_mm_s + (2.0 / 3.0) * rise),
-            speed_mm_s + rise,
-        )
+    /// The inverse of the jerk, s³/mm.
+    fn per_mm_s3(&self) -> f32 {
+        self.ramp_s * self.per_mm_s2
     }
 
     /// Returns the distance between two speeds, without an acceleration at both, mm.
@@ -112,12 +105,13 @@ impl Braking {
     #[inline]
     fn longer_mm(&self, from_mm_s: f32, to_mm_s: f32) -> f32 {
         let change_s = (from_mm_s - to_mm_s) * self.per_mm_s2;
-        let seconds = if change_s <= self.ramp_s {
-            2.0 * math::sqrt_inlined(change_s * self.ramp_s)
+        let half_ramp_s = 0.5 * self.ramp_s;
+        let half_s = if change_s <= self.ramp_s {
+            2.0 * math::half_root_of_twice(change_s * half_ramp_s)
         } else {
-            change_s + self.ramp_s
+            0.5 * change_s + half_ramp_s
         };
-        0.5 * (from_mm_s + to_mm_s) * seconds
+        (from_mm_s + to_mm_s) * half_s
     }
 
     /// Returns the same for a motion that brakes as hard as is possible already, mm.
@@ -170,14 +164,6 @@ impl Braking {
     }
 }
 
-/// A motion along the path, at a distance before the end of a block.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct PathState {
-    pub(super) speed_mm_s: f32,
-    pub(super) acceleration_mm_s2: f32,
-    pub(super) remaining_mm: f32,
-}
-
 /// A speed that must not be exceeded at a distance behind a junction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct SpeedTarget {
@@ -225,28 +211,43 @@ impl SpeedTarget {
     }
 }
 
+/// How fast and where a motion along the path is when a sample begins.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SampleStart {
+    pub(super) speed_mm_s: f32,
+    /// Distance to the end of the block.
+    pub(super) remaining_mm: f32,
+}
+
 /// The targets ahead of a sample, and the braking for them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TargetsAhead {
     targets: [SpeedTarget; TARGETS_AHEAD],
     braking: Braking,
-    /// Braking that ends an acceleration behind a target.
-    rising: Braking,
+    /// The inverse of the jerk that ends an acceleration behind a target, s³/mm.
+    rising_per_mm_s3: f32,
+    /// The speed when the sample begins.
+    speed_mm_s: f32,
+    /// Distance to the end of the block after a sample at that speed, less what braking aims to leave.
+    steady_mm: f32,
 }
 
 impl TargetsAhead {
     /// Targets in a block that ends at a junction, and in the next block with the junction at its end if the sample may
     /// come there.
+    #[inline]
     pub(super) fn new(
         limits: &BlockLimits,
         junction: &JunctionLimit,
         next: Option<(BlockLimits, &JunctionLimit)>,
         ramp_s: f32,
+        start: SampleStart,
     ) -> Self {
         let [nearest, second] = junction.targets;
         let mut targets = [nearest, second, SpeedTarget::NONE];
         let mut braking_mm_s2 = junction.braking_mm_s2(limits);
         let mut beyond_mm_s2 = junction.beyond.mm_s2();
+        let aimed_mm = AIMED_MM_PER_MM_S2 * braking_mm_s2;
         if let Some((next, junction)) = next {
             // The nearest target is the junction, or one of these.
             let [_, farther @ ..] = &mut targets;
@@ -262,15 +263,17 @@ impl TargetsAhead {
         Self {
             targets,
             braking: Braking::new(braking_mm_s2, ramp_s),
-            rising: Braking::new(math::min(braking_mm_s2, beyond_mm_s2), ramp_s),
+            rising_per_mm_s3: ramp_s / math::min(braking_mm_s2, beyond_mm_s2),
+            speed_mm_s: start.speed_mm_s,
+            steady_mm: start.remaining_mm - (0.5 * SAMPLE_S) * start.speed_mm_s - aimed_mm,
         }
     }
 
-    /// Returns by how much the distance to a target exceeds the braking distance at least, mm, and the number of the
-    /// target: below 0 for a motion that is not safe.
+    /// Returns by how much the distance to a target exceeds the braking distance at least after a sample of an
+    /// acceleration, mm, and the number of the target: below 0 for a motion that is not safe.
     #[inline(never)]
-    pub(super) fn least_slack_mm(&self, state: &PathState) -> (f32, usize) {
-        let motion = BrakingMotion::new(self, state);
+    pub(super) fn least_slack_mm(&self, acceleration_mm_s2: f32) -> (f32, usize) {
+        let motion = BrakingMotion::new(self, acceleration_mm_s2);
         let (mut least, mut nearest) = (NO_DISTANCE_LIMIT_MM, 0);
         let mut number = 0;
         // wcet-bound: TARGETS_AHEAD: each run is for a target
@@ -287,98 +290,99 @@ impl TargetsAhead {
 
     /// Returns the same for a target, mm.
     #[inline(never)]
-    pub(super) fn slack_mm(&self, number: usize, state: &PathState) -> f32 {
-        let motion = BrakingMotion::new(self, state);
+    pub(super) fn slack_mm(&self, number: usize, acceleration_mm_s2: f32) -> f32 {
+        let motion = BrakingMotion::new(self, acceleration_mm_s2);
         let target = self.targets.get(number);
         target.map_or(NO_DISTANCE_LIMIT_MM, |target| motion.slack_mm(target))
     }
 }
 
-/// A motion along the path that brakes as hard as is possible.
+/// A motion along the path that brakes as hard as is possible: the mean of a sample and the one before, at its end.
 struct BrakingMotion {
+    speed_mm_s: f32,
+    acceleration_mm_s2: f32,
     remaining_mm: f32,
     braking: Braking,
+    rising_per_mm_s3: f32,
     /// The speed at which its acceleration is 0, and the distance to there: behind it for a motion that brakes.
     reached_mm_s: f32,
     begun_mm: f32,
-    slow: SlowMotion,
+    /// The least speed of the targets that it passes below their speed.
+    passed_mm_s: f32,
 }
 
 impl BrakingMotion {
     #[inline]
-    fn new(ahead: &TargetsAhead, state: &PathState) -> Self {
-        let speed = state.speed_mm_s;
-        let size = state.acceleration_mm_s2.abs();
-        let braking = ahead.braking;
-        let (ended_mm, reached) = braking.ended(speed, size);
-        let slow = if state.acceleration_mm_s2 < 0.0 {
-            let per_mm_s2 = 0.5 / math::max(size, MIN_DIVISOR_MM_S);
-            SlowMotion {
-                least_mm_s: 2.0 * speed - reached,
-                speed_mm_s: speed * (1.0 / SPEED_TOLERANCE),
-                seconds: speed * per_mm_s2,
-                per_mm_s2,
-                risen_mm: 0.0,
-                room_share: 0.0,
-            }
+    fn new(ahead: &TargetsAhead, acceleration_mm_s2: f32) -> Self {
+        let speed = ahead.speed_mm_s + (0.5 * SAMPLE_S) * acceleration_mm_s2;
+        let passed_mm = (SAMPLE_S * SAMPLE_S / 6.0) * acceleration_mm_s2;
+        let (begun_mm, rise) = ended(speed, acceleration_mm_s2, ahead.braking.per_mm_s3());
+        let passed_mm_s = if acceleration_mm_s2 < 0.0 {
+            speed - rise
         } else {
-            let (risen_mm, risen) = ahead.rising.ended(speed, size);
-            SlowMotion {
-                least_mm_s: risen * (1.0 / SPEED_TOLERANCE),
-                speed_mm_s: risen,
-                seconds: braking.distance_per_speed_s(risen),
-                per_mm_s2: 0.0,
-                risen_mm,
-                room_share: 1.0,
-            }
+            let half = 0.5 * acceleration_mm_s2 * acceleration_mm_s2;
+            (speed + half * ahead.rising_per_mm_s3) * (1.0 / SPEED_TOLERANCE)
         };
         Self {
-            remaining_mm: state.remaining_mm,
-            braking,
-            reached_mm_s: reached,
-            begun_mm: ended_mm.copysign(state.acceleration_mm_s2),
-            slow,
+            speed_mm_s: speed,
+            acceleration_mm_s2,
+            remaining_mm: ahead.steady_mm - passed_mm,
+            braking: ahead.braking,
+            rising_per_mm_s3: ahead.rising_per_mm_s3,
+            reached_mm_s: speed + rise,
+            begun_mm,
+            passed_mm_s,
         }
     }
 
     #[inline]
     fn slack_mm(&self, target: &SpeedTarget) -> f32 {
-        let needed_mm = if target.speed_mm_s >= self.slow.least_mm_s {
-            self.slow.needed_mm(target)
-        } else {
+        let there_mm = self.remaining_mm + target.distance_mm;
+        if target.speed_mm_s < self.passed_mm_s {
             let braking_mm = (self.braking).longer_mm(self.reached_mm_s, target.speed_mm_s);
-            self.begun_mm + braking_mm
+            return there_mm - (self.begun_mm + braking_mm);
+        }
+        let needed_mm = if self.acceleration_mm_s2 < 0.0 {
+            self.needed_in_braking_mm(target)
+        } else {
+            self.needed_after_rise_mm(target)
         };
         if needed_mm > 0.0 || target.speed_mm_s <= 0.0 {
-            self.remaining_mm + target.distance_mm - needed_mm
+            there_mm - needed_mm
         } else {
             NO_DISTANCE_LIMIT_MM
         }
     }
-}
 
-/// A motion that passes targets below their speed.
-struct SlowMotion {
-    /// The least speed of these targets.
-    least_mm_s: f32,
-    /// The speed while the motion still brakes, or when its acceleration has ended.
-    speed_mm_s: f32,
-    /// How much less distance a faster target needs: as much for each mm/s, ...
-    seconds: f32,
-    /// ... and more for each mm/s of the target's.
-    per_mm_s2: f32,
-    /// The distance until its acceleration has ended, and the share of a target's room that is behind the target.
-    risen_mm: f32,
-    room_share: f32,
-}
-
-impl SlowMotion {
+    /// Distance needed until its speed is a target's, while it brakes as it does, mm.
     #[inline]
-    fn needed_mm(&self, target: &SpeedTarget) -> f32 {
-        let per_speed_s = self.seconds + self.per_mm_s2 * target.speed_mm_s;
-        (self.speed_mm_s - target.speed_mm_s) * per_speed_s
-            + (self.risen_mm - self.room_share * target.room_mm)
+    fn needed_in_braking_mm(&self, target: &SpeedTarget) -> f32 {
+        let (from, to) = (self.speed_mm_s, target.speed_mm_s);
+        let double = math::max(-2.0 * self.acceleration_mm_s2, MIN_DIVISOR_MM_S);
+        (from * (1.0 / SPEED_TOLERANCE) - to) * (from + to) / double
     }
+
+    /// Distance needed until its acceleration has ended, mm: faster targets need less.
+    #[inline]
+    fn needed_after_rise_mm(&self, target: &SpeedTarget) -> f32 {
+        let (risen_mm, rise) = ended(
+            self.speed_mm_s,
+            self.acceleration_mm_s2,
+            self.rising_per_mm_s3,
+        );
+        let risen = self.speed_mm_s + rise;
+        let per_speed_s = self.braking.distance_per_speed_s(risen);
+        (risen - target.speed_mm_s) * per_speed_s + (risen_mm - target.room_mm)
+    }
+}
+
+/// Returns how far a motion comes until its acceleration has ended, mm, and how much faster it is then, mm/s. Both for
+/// the time before, and the distance negative, with an acceleration below 0.
+#[inline]
+fn ended(speed_mm_s: f32, acceleration_mm_s2: f32, per_mm_s3: f32) -> (f32, f32) {
+    let seconds = acceleration_mm_s2 * per_mm_s3;
+    let rise = 0.5 * acceleration_mm_s2 * seconds;
+    (seconds * (speed_mm_s + (2.0 / 3.0) * rise), rise)
 }
 
 /// What a junction keeps of its own speed and the targets ahead, the nearest first.
@@ -607,15 +611,17 @@ impl JunctionLimit {
     }
 
     /// Returns the acceleration of the next sample, of either sign, mm/s². A wanted acceleration is lowered to the ones of
-    /// the blocks behind the junction if there would be no time to lower it on the way there; by no more than the jerk.
+    /// the blocks behind the junction if there would be no time to lower it on the way there; from the one before by
+    /// no more than the jerk changes an acceleration in a sample, which comes with its inverse.
+    #[inline]
     pub(super) fn lowered_for_next(
         &self,
         wanted_mm_s2: f32,
-        state: &PathState,
-        jerk_mm_s3: f32,
+        start: SampleStart,
+        before_mm_s2: f32,
+        [change_mm_s2, per_change]: [f32; 2],
     ) -> f32 {
         let size = wanted_mm_s2.abs();
-        let per_mm_s3 = 1.0 / jerk_mm_s3;
         let near = LowAcceleration {
             mm_s2: self.near.mm_s2(),
             distance_mm: 0.0,
@@ -623,13 +629,13 @@ impl JunctionLimit {
         let mut lowered = size;
         for low in [near, self.lowest] {
             let excess = size - low.mm_s2;
-            let seconds = excess * per_mm_s3 + LOWERING_S;
-            let passed_mm = (state.speed_mm_s + 0.5 * size * seconds) * seconds;
-            if excess > 0.0 && state.remaining_mm + low.distance_mm < passed_mm {
+            let seconds = (excess * per_change + LOWERING_SAMPLES) * SAMPLE_S;
+            let passed_mm = (start.speed_mm_s + 0.5 * size * seconds) * seconds;
+            if excess > 0.0 && start.remaining_mm + low.distance_mm < passed_mm {
                 lowered = math::min(lowered, low.mm_s2);
             }
         }
-        let lowest = state.acceleration_mm_s2.abs() - jerk_mm_s3 * SAMPLE_S;
+        let lowest = before_mm_s2.abs() - change_mm_s2;
         math::min(math::max(lowered, lowest), size).copysign(wanted_mm_s2)
     }
 }

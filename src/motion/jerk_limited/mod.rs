@@ -11,6 +11,6 @@ pub use plan::BLOCKS_PER_PART;
 
 pub(super) use self::{
     average::MovingAverage,
-    plan::{BlockPlan, Plan},
+    plan::{BlockPlan, Plan, end_path},
     reference::{LeavingSample, ReferenceMotion, Sample},
 };

@@ -28,11 +28,12 @@ impl BlockPlan {
     pub(in crate::motion) const NONE: Self = Self {
         junction: JunctionLimit::STOP,
     };
+}
 
-    /// Makes the path end where the block begins.
-    pub(in crate::motion) fn end_path(&mut self) {
-        self.junction.stop();
-    }
+/// Makes the path end behind the newest block, whenever another one is the newest. In a full queue, nothing reads what
+/// is planned of the oldest block's beginning.
+pub(in crate::motion) fn end_path(queue: &mut BlockQueue) {
+    queue.get_mut(queue.len()).jerk_limited.junction.stop();
 }
 
 /// The plan as a whole.
@@ -160,12 +161,9 @@ impl BlocksAhead for BlockQueue {
         (number < self.len()).then(|| BlockLimits::of(&self.get(number).block))
     }
 
+    /// Behind the newest block, the path has ended: see [`end_path`].
     #[inline]
     fn junction(&self, number: usize) -> &JunctionLimit {
-        if number + 1 < self.len() {
-            &self.get(number + 1).jerk_limited.junction
-        } else {
-            &JunctionLimit::STOP
-        }
+        &self.get(number + 1).jerk_limited.junction
     }
 }

@@ -1,15 +1,16 @@
 //! The reference motion: its distance along the path in each sample of 1 ms.
 
-use super::junctions::{BlockLimits, JunctionLimit, PathState, TargetsAhead};
-use crate::{math, model::timing::SAMPLE_S, motion::limits::NO_ACCELERATION_LIMIT_MM_S2};
+use super::junctions::{AIMED_MM_PER_MM_S2, BlockLimits, JunctionLimit, SampleStart, TargetsAhead};
+use crate::{
+    math,
+    model::timing::SAMPLE_S,
+    motion::limits::{MIN_DIVISOR_MM_S, NO_ACCELERATION_LIMIT_MM_S2},
+};
 
 /// Greatest speed before the last sample of a motion to a standstill, mm/s, unless a sample's jerk allows more.
 const FINAL_MM_S: f32 = 0.02;
 /// Part of the jerk that the last sample may have: the distance left adds to the jerk.
 const FINAL_JERK_PART: f32 = 0.6;
-/// Distance that braking aims to leave, for an acceleration of 1 mm/s², mm: the cost of an acceleration that comes to
-/// its limit within a sample, t²/8.
-const AIMED_MM_PER_MM_S2: f32 = 0.125 * SAMPLE_S * SAMPLE_S;
 /// How many times that distance may be left before a standstill.
 const FINAL_TIMES: f32 = 3.0;
 /// Distance that is made up for in a sample, mm; or more, a part of the remainder and of the distance that a sample's jerk
@@ -106,27 +107,26 @@ pub(in crate::motion) struct ReferenceMotion {
 }
 
 /// The part of the path that the next sample may touch.
-struct SampleLimits<'a> {
-    limits: BlockLimits,
-    junction: &'a JunctionLimit,
-    remaining_mm: f32,
-    /// Jerk of the next sample, mm/s³.
-    jerk_mm_s3: f32,
-    /// What braking aims to leave of a distance, mm.
-    aimed_mm: f32,
+struct SampleLimits {
+    /// Of the block.
+    speed_mm_s: f32,
+    acceleration_mm_s2: f32,
+    /// The hardest braking in the block, mm/s².
+    braking_mm_s2: f32,
+    start: SampleStart,
+    /// Greatest change of the acceleration by the next sample, mm/s².
+    change_mm_s2: f32,
+    /// A sample's share of the ramp time.
+    ramp_share: f32,
     ahead: TargetsAhead,
-    /// The inverse of the ramp time, 1/s.
-    per_ramp_s: f32,
 }
 
-impl SampleLimits<'_> {
-    /// Jerk of a standstill, which may come in a block of less of it, mm/s³.
-    fn ending_jerk_mm_s3(&self) -> f32 {
-        math::min(
-            self.jerk_mm_s3,
-            self.junction.ending_mm_s2() * self.per_ramp_s,
-        )
-    }
+/// The accelerations that the next sample may have, mm/s².
+struct AccelerationRange {
+    /// The greatest, if it is safe.
+    wanted: f32,
+    /// The hardest braking.
+    lowest: f32,
 }
 
 impl ReferenceMotion {
@@ -183,7 +183,12 @@ impl ReferenceMotion {
         leaving: LeavingSample,
         ramp_s: f32,
     ) -> Sample {
-        let distance = self.next_distance(blocks, stops, leaving, ramp_s);
+        let is_between = !self.is_begun || self.remaining == 0;
+        let distance = if is_between {
+            self.begin_distance(blocks, stops, leaving, ramp_s)
+        } else {
+            self.next_distance(blocks, stops, ramp_s)
+        };
         if self.speed_mm_s <= 0.0 {
             self.acceleration_mm_s2 = 0.0;
         }
@@ -194,41 +199,91 @@ impl ReferenceMotion {
         }
     }
 
-    fn next_distance(
+    /// The distance of the next sample where a block may begin. That and slow motion have functions of their own, so
+    /// that the longest path is in neither.
+    #[inline(never)]
+    fn begin_distance(
         &mut self,
         blocks: &impl BlocksAhead,
         stops: bool,
         leaving: LeavingSample,
         ramp_s: f32,
     ) -> u32 {
-        let is_between = !self.is_begun || self.remaining == 0;
-        if is_between && !self.start_block(blocks, leaving.is_standstill) {
+        let Some(limits) = self.start_block(blocks, leaving.is_standstill) else {
             self.speed_mm_s = 0.0;
             return 0;
-        }
+        };
+        let path = self.sample_limits(blocks, &limits, ramp_s);
+        self.slow_distance(blocks, &path, stops)
+    }
+
+    /// The distance of the next sample within a block.
+    #[inline]
+    fn next_distance(&mut self, blocks: &impl BlocksAhead, stops: bool, ramp_s: f32) -> u32 {
         let Some(limits) = blocks.limits(self.number) else {
             return 0;
         };
         let path = self.sample_limits(blocks, &limits, ramp_s);
+        let final_mm_s = FINAL_JERK_PART * SAMPLE_S * path.change_mm_s2;
+        if self.speed_mm_s <= math::max(final_mm_s, FINAL_MM_S) {
+            return self.slow_distance(blocks, &path, stops);
+        }
+        let range = self.acceleration_range(blocks.junction(self.number), &path, stops);
+        let acceleration = self.next_acceleration(&path.ahead, &range);
+        self.go_on(blocks, &path, acceleration)
+    }
+
+    /// The distance of the next sample at a standstill, or so slowly that a standstill may be next: with the lowest
+    /// acceleration where the wanted one is not safe.
+    #[inline(never)]
+    fn slow_distance(
+        &mut self,
+        blocks: &impl BlocksAhead,
+        path: &SampleLimits,
+        stops: bool,
+    ) -> u32 {
+        let junction = blocks.junction(self.number);
         let before = self.speed_mm_s;
-        let change = FINAL_JERK_PART * path.jerk_mm_s3 * SAMPLE_S;
+        let change = FINAL_JERK_PART * path.change_mm_s2;
         let final_mm = 0.5 * before * SAMPLE_S;
         let final_change = (before * (1.0 / SAMPLE_S) + self.acceleration_mm_s2).abs();
         let is_final = before <= change * SAMPLE_S && final_change <= change;
-        if path.junction.is_stop()
+        let aimed_mm = AIMED_MM_PER_MM_S2 * path.braking_mm_s2;
+        if junction.is_stop()
             && (is_final || before <= FINAL_MM_S)
-            && path.remaining_mm <= final_mm + FINAL_TIMES * path.aimed_mm
+            && path.start.remaining_mm <= final_mm + FINAL_TIMES * aimed_mm
         {
-            return self.creep(blocks, &path, final_mm);
+            return self.creep(blocks, path, final_mm);
         }
-        let Some(acceleration) = self.next_acceleration(&path, stops) else {
-            return self.creep(blocks, &path, 0.0);
-        };
-        self.recent_limits_mm_s2 = [path.limits.acceleration_mm_s2, self.recent_limits_mm_s2[0]];
+        let range = self.acceleration_range(junction, path, stops);
+        let (slack, nearest) = path.ahead.least_slack_mm(range.wanted);
+        let mut acceleration = range.wanted;
+        if slack < 0.0 || self.is_overspeed && before > 0.0 {
+            if before > 0.0 {
+                let least = path.ahead.slack_mm(nearest, range.lowest);
+                self.is_overspeed = least < -OVERSPEED_MM;
+                acceleration = range.lowest;
+            } else if stops {
+                acceleration = 0.0;
+            } else {
+                // Less is left, of one block or several, than braking aims to leave.
+                return self.creep(blocks, path, 0.0);
+            }
+        } else {
+            self.is_overspeed = false;
+        }
+        self.go_on(blocks, path, acceleration)
+    }
+
+    /// Goes on by a sample of this acceleration.
+    #[inline]
+    fn go_on(&mut self, blocks: &impl BlocksAhead, path: &SampleLimits, acceleration: f32) -> u32 {
+        self.recent_limits_mm_s2 = [path.acceleration_mm_s2, self.recent_limits_mm_s2[0]];
+        let before = self.speed_mm_s;
         let after = math::max(before + acceleration * SAMPLE_S, 0.0);
         self.acceleration_mm_s2 = acceleration;
         self.speed_mm_s = after;
-        let distance = 0.5 * (before + after) * (SAMPLE_S * UNITS_PER_MM) + self.carry;
+        let distance = (before + after) * (0.5 * SAMPLE_S * UNITS_PER_MM) + self.carry;
         let whole = distance as u32;
         self.carry = distance - whole as f32;
         self.advance(blocks, u64::from(whole))
@@ -246,8 +301,11 @@ impl ReferenceMotion {
 
     /// Returns what is made up for in a sample before a standstill, mm.
     fn made_up_mm(&self, path: &SampleLimits) -> f32 {
-        let by_jerk_mm = path.jerk_mm_s3 * (SAMPLE_S * SAMPLE_S * SAMPLE_S);
-        let part_mm = math::min(FINAL_PART * by_jerk_mm, FINAL_SHARE * path.remaining_mm);
+        let by_jerk_mm = path.change_mm_s2 * (SAMPLE_S * SAMPLE_S);
+        let part_mm = math::min(
+            FINAL_PART * by_jerk_mm,
+            FINAL_SHARE * path.start.remaining_mm,
+        );
         let most_mm = math::max(FINAL_MM, part_mm);
         let [newest_mm, older_mm] = self.newest.map(|distance| distance as f32 * UNIT_MM);
         if newest_mm + older_mm <= CREEP_MM {
@@ -258,16 +316,20 @@ impl ReferenceMotion {
     }
 
     /// The part of the path that the next sample may touch.
-    fn sample_limits<'a>(
+    #[inline(never)]
+    fn sample_limits(
         &self,
-        blocks: &'a impl BlocksAhead,
+        blocks: &impl BlocksAhead,
         limits: &BlockLimits,
         ramp_s: f32,
-    ) -> SampleLimits<'a> {
+    ) -> SampleLimits {
         let junction = blocks.junction(self.number);
-        let remaining_mm = self.remaining_mm();
+        let start = SampleStart {
+            speed_mm_s: self.speed_mm_s,
+            remaining_mm: self.remaining_mm(),
+        };
         let farthest_mm = (self.speed_mm_s + limits.acceleration_mm_s2 * SAMPLE_S) * SAMPLE_S;
-        let next = if remaining_mm < farthest_mm && !junction.is_stop() {
+        let next = if start.remaining_mm < farthest_mm && !junction.is_stop() {
             let next = blocks.limits(self.number + 1);
             next.map(|next| (next, blocks.junction(self.number + 1)))
         } else {
@@ -275,84 +337,94 @@ impl ReferenceMotion {
         };
         let [newest, older] = self.recent_limits_mm_s2;
         let recent = math::min(newest, older);
-        let per_ramp_s = 1.0 / ramp_s;
+        let ramp_share = SAMPLE_S / ramp_s;
         SampleLimits {
-            ahead: TargetsAhead::new(limits, junction, next, ramp_s),
-            jerk_mm_s3: math::min(limits.acceleration_mm_s2, recent) * per_ramp_s,
-            per_ramp_s,
-            aimed_mm: AIMED_MM_PER_MM_S2 * junction.braking_mm_s2(limits),
-            limits: *limits,
-            junction,
-            remaining_mm,
+            speed_mm_s: limits.speed_mm_s,
+            acceleration_mm_s2: limits.acceleration_mm_s2,
+            braking_mm_s2: junction.braking_mm_s2(limits),
+            start,
+            change_mm_s2: math::min(limits.acceleration_mm_s2, recent) * ramp_share,
+            ramp_share,
+            ahead: TargetsAhead::new(limits, junction, next, ramp_s, start),
         }
     }
 
-    /// The acceleration of the next sample, mm/s²: the greatest of a safe motion. None if less is left, of one block or
-    /// several, than braking aims to leave.
-    fn next_acceleration(&mut self, path: &SampleLimits, stops: bool) -> Option<f32> {
-        let (limits, speed, before) = (&path.limits, self.speed_mm_s, self.acceleration_mm_s2);
-        let jerk = path.jerk_mm_s3;
-        let change = jerk * SAMPLE_S;
-        let braking = path.junction.braking_mm_s2(limits);
-        let hardest_end = approach(-speed, math::min(jerk, braking * path.per_ramp_s));
+    /// The accelerations that the next sample may have before a junction.
+    #[inline]
+    fn acceleration_range(
+        &self,
+        junction: &JunctionLimit,
+        path: &SampleLimits,
+        stops: bool,
+    ) -> AccelerationRange {
+        let (speed, before) = (path.start.speed_mm_s, self.acceleration_mm_s2);
+        let change = path.change_mm_s2;
+        let is_braking = stops || self.is_overspeed && speed > 0.0;
+        // A standstill may come in a block of less jerk.
+        let ending_mm_s2 = if is_braking {
+            math::min(path.braking_mm_s2, junction.ending_mm_s2())
+        } else {
+            path.braking_mm_s2
+        };
+        let ending_change = math::min(change, ending_mm_s2 * path.ramp_share);
         let lowest = math::max(
             before - JERK_TOLERANCE * change,
-            -BRAKING_TOLERANCE * braking,
+            -BRAKING_TOLERANCE * path.braking_mm_s2,
         );
-        let lowest = math::min(math::max(lowest, hardest_end), before + change);
-        let is_overspeed = self.is_overspeed && speed > 0.0;
-        let (difference, ending) = if stops || is_overspeed {
-            (-speed, path.ending_jerk_mm_s3())
+        let has_to_end = speed > 0.0
+            && lowest < 0.0
+            && lowest * (lowest - ending_change) * SAMPLE_S > 2.0 * ending_change * speed;
+        let to_limit = path.speed_mm_s - speed;
+        // One of both is near, as a rule: the standstill, or the greatest speed. Only that one costs a root.
+        let (difference, change_there) = if has_to_end {
+            (-speed, ending_change)
         } else {
-            (limits.speed_mm_s - speed, jerk)
+            (to_limit, change)
         };
-        let evenly = approach(difference, ending);
-        let most = math::min(before + change, limits.acceleration_mm_s2);
-        let (wanted, least) = if is_overspeed {
+        let per_change = 1.0 / change_there;
+        let evenly = approach(difference, change_there, per_change);
+        let (lowest, evenly) = if has_to_end {
+            // A chord of the parabola of `approach` is below its root.
+            let share = math::min(to_limit, speed) / math::max(speed, MIN_DIVISOR_MM_S);
+            (math::max(lowest, evenly), -evenly * share)
+        } else {
             (lowest, evenly)
+        };
+        let most = math::min(before + change, path.acceleration_mm_s2);
+        let lowest = math::min(lowest, before + change);
+        let wanted = if is_braking {
+            lowest
         } else {
-            (math::min(most, evenly), lowest)
+            math::min(most, evenly)
         };
-        let state = PathState {
-            speed_mm_s: speed,
-            acceleration_mm_s2: before,
-            remaining_mm: path.remaining_mm,
-        };
-        let wanted = path.junction.lowered_for_next(wanted, &state, jerk);
-        let wanted = math::max(wanted, least);
-        let ahead = &path.ahead;
-        let after = |acceleration| Self::state_after(speed, path, acceleration);
-        let (slack, nearest) = ahead.least_slack_mm(&after(wanted));
-        if slack >= 0.0 && !is_overspeed {
-            self.is_overspeed = false;
-            return Some(wanted);
+        let wanted = junction.lowered_for_next(wanted, path.start, before, [change, per_change]);
+        AccelerationRange {
+            wanted: math::max(wanted, lowest),
+            lowest,
         }
-        if speed <= 0.0 {
-            return stops.then_some(0.0);
+    }
+
+    /// The acceleration of the next sample, mm/s²: the greatest of a safe motion.
+    #[inline]
+    fn next_acceleration(&mut self, ahead: &TargetsAhead, range: &AccelerationRange) -> f32 {
+        let &AccelerationRange { wanted, lowest } = range;
+        let was_overspeed = self.is_overspeed;
+        let (slack, nearest) = ahead.least_slack_mm(wanted);
+        if slack >= 0.0 && !was_overspeed {
+            return wanted;
         }
-        let least = ahead.slack_mm(nearest, &after(lowest));
+        let least = ahead.slack_mm(nearest, lowest);
         self.is_overspeed = least < -OVERSPEED_MM;
-        if is_overspeed {
-            return Some(wanted);
+        if was_overspeed {
+            return wanted;
         }
         if least <= 0.0 {
-            return Some(lowest);
+            return lowest;
         }
         let share = math::min(least / (least - slack), MOST_SHARE);
         let tried = lowest + share * (wanted - lowest);
-        let is_safe = ahead.least_slack_mm(&after(tried)).0 >= 0.0;
-        Some(if is_safe { tried } else { lowest })
-    }
-
-    /// Where the mean of the next sample and the one before it is at its end, with an acceleration in the next.
-    fn state_after(speed_mm_s: f32, path: &SampleLimits, acceleration_mm_s2: f32) -> PathState {
-        let gain = acceleration_mm_s2 * SAMPLE_S;
-        let passed_mm = (0.5 * speed_mm_s + (1.0 / 6.0) * gain) * SAMPLE_S;
-        PathState {
-            speed_mm_s: speed_mm_s + 0.5 * gain,
-            acceleration_mm_s2,
-            remaining_mm: path.remaining_mm - passed_mm - path.aimed_mm,
-        }
+        let is_safe = ahead.least_slack_mm(tried).0 >= 0.0;
+        if is_safe { tried } else { lowest }
     }
 
     /// Whether the reference cannot keep what the blocks ahead ask for.
@@ -364,12 +436,12 @@ impl ReferenceMotion {
             return false;
         };
         let path = self.sample_limits(blocks, &limits, ramp_s);
-        let change = path.jerk_mm_s3 * SAMPLE_S;
-        let hardest = -path.junction.braking_mm_s2(&path.limits);
-        let lowest = math::max(self.acceleration_mm_s2 - change, hardest);
+        let lowest = math::max(
+            self.acceleration_mm_s2 - path.change_mm_s2,
+            -path.braking_mm_s2,
+        );
         let tolerance_mm = SLACK_TOLERANCE_MM + SLACK_TOLERANCE_S * self.speed_mm_s;
-        let state = Self::state_after(self.speed_mm_s, &path, lowest);
-        path.ahead.least_slack_mm(&state).0 < -tolerance_mm
+        path.ahead.least_slack_mm(lowest).0 < -tolerance_mm
     }
 
     /// Goes on by a distance at most; returns how far.
@@ -401,17 +473,19 @@ impl ReferenceMotion {
         true
     }
 
-    /// Begins the oldest block, or the next one from a standstill; returns whether there is one.
-    fn start_block(&mut self, blocks: &impl BlocksAhead, is_standstill: bool) -> bool {
+    /// Begins the oldest block, or the next one from a standstill; returns its limits if there is one.
+    fn start_block(
+        &mut self,
+        blocks: &impl BlocksAhead,
+        is_standstill: bool,
+    ) -> Option<BlockLimits> {
         let number = self.number + usize::from(self.is_begun);
         let may_begin = is_standstill || !self.is_begun;
-        let Some(next) = blocks.limits(number).filter(|_| may_begin) else {
-            return false;
-        };
+        let next = blocks.limits(number).filter(|_| may_begin)?;
         self.number = number;
         self.enter(&next);
         self.remaining = self.remaining.saturating_sub(LENGTH_RESERVE_UNITS);
-        true
+        Some(next)
     }
 
     /// Follows the removal of the oldest block.
@@ -426,9 +500,10 @@ impl ReferenceMotion {
 }
 
 /// Returns the acceleration with which a difference of speed is made up for when it ends evenly, of either sign, mm/s²:
-/// with that of the next sample included, the root of a²/(2j) + a·t/2 = Δv.
-fn approach(difference_mm_s: f32, jerk_mm_s3: f32) -> f32 {
-    let half_s = 0.5 * SAMPLE_S;
-    let square = half_s * half_s + 2.0 * difference_mm_s.abs() / jerk_mm_s3;
-    (jerk_mm_s3 * (math::sqrt(square) - half_s)).copysign(difference_mm_s)
+/// with that of the next sample included, the root of a²/(2j) + a·t/2 = Δv. The change of acceleration in a sample is
+/// j·t; its inverse is given, too.
+#[inline]
+fn approach(difference_mm_s: f32, change_mm_s2: f32, per_change: f32) -> f32 {
+    let steps = (4.0 / SAMPLE_S) * difference_mm_s.abs() * per_change;
+    (change_mm_s2 * (math::half_root_of_twice(0.5 + steps) - 0.5)).copysign(difference_mm_s)
 }
