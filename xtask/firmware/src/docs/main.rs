@@ -211,10 +211,11 @@ const JERK: &str = "\n## Limits of jerk\n\n\
     instead. Corners are passed as `$11` has it. A feed hold takes that time longer, too.\n\
     [motion-planning.md](motion-planning.md#limits-of-jerk) says how it works.\n\n\
     Arcs are passed as the short lines would be that replace them: as fast as `$120` and on allow. They take no\n\
-    longer than these lines, but make a jerk beyond `$800`, as corners do: on a radius r, up to √(a³/r) for an\n\
-    acceleration of a, 16 000 mm/s³ at 500 mm/s² and 0.5 mm. Where an arc begins or ends, the acceleration changes\n\
-    at once, by a at most, by 2a between two arcs. `cargo xtask sim FILE --quality` has both figures of a\n\
-    program. With `$11=0`, arcs are so slow that they keep `$800`, and every corner is a stop.\n";
+    longer than these lines, but make a jerk beside `$800`, as corners do: on a radius r, up to √(a³/r) for an\n\
+    acceleration of a, 16 000 mm/s³ at 500 mm/s² and 0.5 mm, and up to three times that while the speed changes. Where an\n\
+    arc begins or ends, the acceleration changes at once, by a at most, by 2a between two arcs. `cargo xtask sim FILE\n\
+    --quality` has both figures of a program, and names an axis whose jerk is more than these and `$800` together allow, by\n\
+    5 % or more. With `$11=0`, arcs are so slow that they keep `$800`, and every corner is a stop.\n";
 
 /// What backlash is, and what its settings do.
 const BACKLASH: &str = "\n## Backlash\n\n\

@@ -341,6 +341,7 @@ impl Meter {
         let is_kink = passed.is_exact && passed.corner.turn_rad > KINK_RAD;
         if is_kink || passed.corner.is_stop {
             self.tracks.iter_mut().for_each(Track::turn);
+            self.path.turn();
         } else if passed.is_exact {
             let speed_mm_s = self.speed_mm_s.min(passed.corner.allowed_mm_s);
             let curvature_change = &passed.corner.curvature_change;

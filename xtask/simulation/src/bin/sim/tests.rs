@@ -113,6 +113,62 @@ fn a_core_xy_machine_keeps_the_limits_of_its_motors_on_the_programmed_path() {
 }
 
 #[test]
+fn the_jerk_of_arcs_is_within_the_bounds_that_the_settings_page_has() {
+    let set = [
+        "$11=0.01",
+        "$110=5000",
+        "$111=5000",
+        "$120=500",
+        "$121=500",
+        "$800=10000",
+        "$801=10000",
+        "$802=10000",
+    ];
+    let mut more: Vec<_> = set.into_iter().flat_map(|set| ["--set", set]).collect();
+    more.push("--quality");
+    let acceleration = 500.0_f64;
+    // Lines with arcs between corners, where axes step back and forth; the same; and an S-curve from arc to arc.
+    for (program, radius_mm, jumps) in [
+        (
+            "G1 X-1.5 Y0.16 F3000\nX-1.78 Y0.3\nX-1.9 Y0.345\nX-1.954 Y0.362\nX-3.594 Y0.108\n\
+            G3 X-3.643 Y0.118 R0.1\nG1 X-3.92 Y0.94\nX-4.1 Y1.252\n",
+            0.1,
+            1.0,
+        ),
+        (
+            "G1 X1.613 Y-0.306 F3000\nX2.144 Y-0.393\nX2.242 Y-0.363\nX2.377 Y-0.367\nX2.505 Y-0.383\n\
+            X2.541 Y-0.317\nG3 X2.745 Y-0.028 R0.709\nG1 X3.129 Y0.759\n",
+            0.709,
+            1.0,
+        ),
+        (
+            "G1 X0 Y8 F3000\nG2 X2 Y8 I1 J0\nG3 X4 Y8 I1 J0\nG2 X6 Y8 I1 J0\nG1 X6 Y0\n",
+            1.0,
+            2.0,
+        ),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let whole = figures(folder.path(), program, &more);
+        let quality = &whole["quality"];
+        assert_eq!(quality["violations"], Value::Array(Vec::new()), "{program}");
+        for part in quality["axes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .take(2)
+            .chain([&quality["path"]])
+        {
+            let of_limit = part["jerk_mm_s3"]["of_limit"].as_f64().unwrap();
+            assert!(of_limit <= 1.02, "{program}: {part}");
+        }
+        let arcs = &quality["arcs"];
+        let [jerk, jump] = ["jerk_mm_s3", "jump_mm_s2"].map(|name| arcs[name].as_f64().unwrap());
+        assert!(jerk <= (acceleration.powi(3) / radius_mm).sqrt(), "{arcs}");
+        assert!(jump <= jumps * acceleration, "{arcs}");
+    }
+}
+
+#[test]
 fn quality_and_trace_are_those_of_axes_that_follow_with_backlash() {
     let folder = tempfile::tempdir().unwrap();
     let trace = folder.path().join("steps.csv").display().to_string();

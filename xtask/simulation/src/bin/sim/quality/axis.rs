@@ -1,5 +1,7 @@
 //! Measurements of one axis, or of the distance along the path.
 
+use std::mem;
+
 use leadscrew::axis::AXES;
 
 use super::{
@@ -25,6 +27,8 @@ pub(super) struct Track {
     /// The side of the corner is uncertain by one step: the path is rounded to steps.
     held: Option<Crossing>,
     is_first: bool,
+    /// The position of the first crossing after a corner: an axis that steps back over it is as uncertain then.
+    first_position: Option<f64>,
     is_axis: bool,
     last: Option<Crossing>,
     /// Between the last two crossings, s.
@@ -56,6 +60,7 @@ impl Track {
         Self {
             held: None,
             is_first: false,
+            first_position: None,
             is_axis: intervals.is_none(),
             last: None,
             gap_s: None,
@@ -91,10 +96,15 @@ impl Track {
         }
     }
 
-    /// Separates the motion at a corner, as [`Self::interrupt`], without the crossings on both sides of the corner.
+    /// Separates the motion at a corner, as [`Self::interrupt`], without the crossings on both sides of the corner. The
+    /// path goes on there but for its jerk, which is told without the first crossing.
     pub(super) fn turn(&mut self) {
-        self.interrupt();
-        self.held = None;
+        if self.is_axis {
+            self.interrupt();
+            self.held = None;
+        } else {
+            self.jerk.interrupt();
+        }
         self.is_first = true;
     }
 
@@ -111,7 +121,11 @@ impl Track {
         if !self.is_axis {
             return self.follow(crossing);
         }
-        if std::mem::take(&mut self.is_first) {
+        if mem::take(&mut self.is_first) {
+            self.first_position = Some(crossing.position);
+            return None;
+        }
+        if self.first_position.take() == Some(crossing.position) {
             return None;
         }
         let before = self.held.replace(crossing)?;
@@ -152,7 +166,9 @@ impl Track {
         if let Some(measured) = self.acceleration.push(crossing) {
             add(&mut self.accelerations, &measured);
         }
-        if let Some(measured) = self.jerk.push(crossing) {
+        // Of the path: an axis has left it out.
+        let is_uncertain = mem::take(&mut self.is_first);
+        if !is_uncertain && let Some(measured) = self.jerk.push(crossing) {
             add(&mut self.jerks, &measured);
         }
         self.speed.push(crossing)
