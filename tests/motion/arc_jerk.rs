@@ -186,6 +186,21 @@ fn arcs_as_fast_as_chords_keep_path_and_acceleration() {
     }
 }
 
+#[test]
+fn a_line_between_arcs_is_long_enough_to_brake_for_the_smaller_one() {
+    let settings = mill(50_000.0);
+    for hundredths in (100..240_u32).step_by(each(2)) {
+        let mut contour = Contour::new(0.3, 3000.0);
+        contour.straight(20.0);
+        contour.turn(3.53, 1.2);
+        contour.straight(0.01 * f64::from(hundredths));
+        contour.turn(0.465, 3.3);
+        contour.straight(5.0);
+        let commands = number(&contour.arcs);
+        check_limits(&settings, &Rig::play(&settings, &commands));
+    }
+}
+
 /// Moves of a smooth contour: a length, mm, a radius, mm, and an angle.
 fn moves() -> impl Strategy<Value = Vec<(f64, f64, f64)>> {
     let radius = prop_oneof![0.05..0.5_f64, 0.5..5.0_f64, 5.0..30.0_f64];

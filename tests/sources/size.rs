@@ -7,7 +7,7 @@ const CEILINGS: [(&str, usize); 5] = [
     ("boards", 4_400),
     ("proof", 30_640),
     ("src", 40_600),
-    ("tests", 49_900),
+    ("tests", 49_920),
     ("xtask", 40_600),
 ];
 

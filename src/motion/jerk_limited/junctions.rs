@@ -44,6 +44,12 @@ const LOWERING_SAMPLES: f32 = 2.5;
 /// Distance that braking aims to leave, for an acceleration of 1 mm/s², mm: the cost of an acceleration that comes to
 /// its limit within a sample, t²/8.
 pub(super) const AIMED_MM_PER_MM_S2: f32 = 0.125 * SAMPLE_S * SAMPLE_S;
+/// Samples behind a junction in which jerk may still be as before the junction: a sample passes it, and the averaging
+/// window follows.
+const LATE_SAMPLES: f32 = 3.0;
+/// Ratio of the accelerations before and behind a junction up to which they are told apart, as where an arc ends. Lines
+/// that turn have 1/√2 at least: a safe motion has to stay safe when another block comes.
+const LATE_RATIO: f32 = 0.5;
 /// Steps of Newton's method for [`Braking::speed_before_mm_s`].
 const CUBIC_STEPS: u32 = 3;
 
@@ -257,7 +263,13 @@ impl TargetsAhead {
                     ..*at_end
                 };
             }
-            braking_mm_s2 = math::min(braking_mm_s2, junction.braking_mm_s2(&next));
+            // From the end of an arc on, braking is much harder.
+            let there_mm_s2 = junction.braking_mm_s2(&next);
+            if braking_mm_s2 >= LATE_RATIO * there_mm_s2 {
+                braking_mm_s2 = math::min(braking_mm_s2, there_mm_s2);
+            } else {
+                braking_mm_s2 = there_mm_s2;
+            }
             beyond_mm_s2 = math::min(beyond_mm_s2, junction.beyond.mm_s2());
         }
         Self {
@@ -385,12 +397,23 @@ fn ended(speed_mm_s: f32, acceleration_mm_s2: f32, per_mm_s3: f32) -> (f32, f32)
     (seconds * (speed_mm_s + (2.0 / 3.0) * rise), rise)
 }
 
+/// Returns how late braking comes behind a junction, s, from the ratio of the accelerations before and behind it.
+fn late_s(ratio: f32) -> f32 {
+    if ratio < LATE_RATIO {
+        (1.0 - ratio) * (LATE_SAMPLES * SAMPLE_S)
+    } else {
+        0.0
+    }
+}
+
 /// What a junction keeps of its own speed and the targets ahead, the nearest first.
 struct KeptTargets {
     /// The junction itself.
     corner: SpeedTarget,
     farther: [SpeedTarget; TARGETS],
     count: usize,
+    /// Time by which braking behind the junction comes late, s.
+    late_s: f32,
     /// Whoever is safe for a farther target passes the junction below its speed.
     is_passed_slower: bool,
 }
@@ -401,6 +424,7 @@ impl KeptTargets {
     fn add(&mut self, target: &SpeedTarget, braking: &Braking) {
         if !self.is_passed_slower {
             if self.corner.covers(target, braking) {
+                self.brake_in_time(target, braking);
                 return;
             }
             let shortest_mm = braking.shortest_mm(self.corner.speed_mm_s, target.speed_mm_s);
@@ -410,6 +434,19 @@ impl KeptTargets {
             *entry = *target;
         }
         self.count += 1;
+    }
+
+    /// Makes the junction slow enough for a slower target that it covers, if braking comes late.
+    fn brake_in_time(&mut self, target: &SpeedTarget, braking: &Braking) {
+        let late_mm = self.late_s * self.corner.speed_mm_s;
+        let in_time = SpeedTarget {
+            distance_mm: math::max(target.distance_mm - late_mm, 0.0),
+            ..*target
+        };
+        let needed_mm = braking.distance_mm(self.corner.speed_mm_s, target.speed_mm_s);
+        if needed_mm > in_time.distance_mm {
+            self.corner.slow_down_for(&in_time, braking);
+        }
     }
 
     /// As many as there is space for.
@@ -556,12 +593,13 @@ impl JunctionLimit {
         nearest.speed_mm_s <= 0.0 && nearest.distance_mm <= 0.0
     }
 
-    /// The junction limit at the beginning of a block that ends at this one; `corner_mm_s` is the
-    /// greatest speed there, 0 for a standstill.
+    /// The junction limit at the beginning of a block that ends at this one, behind a block of an acceleration;
+    /// `corner_mm_s` is the greatest speed there, 0 for a standstill.
     pub(in crate::motion) fn before(
         &self,
         limits: &BlockLimits,
         corner_mm_s: f32,
+        acceleration_before_mm_s2: f32,
         ramp_s: f32,
     ) -> Self {
         if corner_mm_s <= 0.0 {
@@ -575,6 +613,7 @@ impl JunctionLimit {
             },
             farther: [SpeedTarget::NONE; TARGETS],
             count: 0,
+            late_s: late_s(acceleration_before_mm_s2 * braking.per_mm_s2),
             is_passed_slower: false,
         };
         for old in &self.targets {

@@ -83,10 +83,9 @@ impl Plan {
             .next_sample(queue, stops, leaving, self.ramp_s)
     }
 
-    /// The greatest speed at the beginning of a block, mm/s; 0 for a standstill.
-    fn corner_mm_s(&self, queue: &BlockQueue, number: usize) -> f32 {
+    /// The greatest speed at the beginning of a block that comes behind one of an acceleration, mm/s; 0 for a standstill.
+    fn corner_mm_s(&self, queue: &BlockQueue, number: usize, before: f32) -> f32 {
         let queued = queue.get(number);
-        let before = queue.get(number.wrapping_sub(1)).block.acceleration_mm_s2;
         let acceleration = math::min(before, queued.block.acceleration_mm_s2);
         let slow_mm_s = acceleration * math::max(MIN_CORNER_SHARE * self.ramp_s, SAMPLE_S);
         if queued.block.junction_sqr < slow_mm_s * slow_mm_s {
@@ -114,10 +113,11 @@ impl Plan {
             let Some(limits) = queue.limits(number) else {
                 return;
             };
-            let corner_mm_s = self.corner_mm_s(queue, number);
+            let before = queue.get(number.wrapping_sub(1)).block.acceleration_mm_s2;
+            let corner_mm_s = self.corner_mm_s(queue, number, before);
             let junction = queue
                 .junction(number)
-                .before(&limits, corner_mm_s, self.ramp_s);
+                .before(&limits, corner_mm_s, before, self.ramp_s);
             let plan = &mut queue.get_mut(number).jerk_limited;
             if junction == plan.junction && !is_new {
                 self.stop_if_too_fast(queue, pass, number);
