@@ -1,14 +1,15 @@
 //! Path control under `G64`: where and how the path leaves the programmed one.
 //!
 //! Short lines that lie within a distance of one line become this line (LinuxCNC's "naive CAM detector"), and the
-//! corner between two lines becomes an arc tangent to both, in the plane of the two. What a line becomes depends on the
-//! next one, so the newest are held back:
+//! corner between two lines becomes an arc tangent to both, in the plane of the two. So does the corner of an arc and a
+//! line, or of two arcs, in one plane of two axes. What a move becomes depends on the next one, so the newest are held back:
 //!
 //! ```text
-//!  lines ──▶ merger of short lines ──▶ line before a corner ──▶ output to the router
+//!  lines ──▶ merger of short lines ──▶ move before a corner ──▶ output to the router
+//!  arcs ───────────────────────────┘
 //! ```
 //!
-//! A command other than a line at a feed rate or a rapid of the linear axes flushes both. The session
+//! A command other than a line or a flat arc at a feed rate or a rapid of the linear axes flushes both. The session
 //! flushes them, too, by [`Router::flush`](super::Router::flush), as soon as the machine could use what
 //! is held back.
 //!
@@ -16,13 +17,17 @@
 //! uses half of `P` at most, and a corner the part that its lines have left.
 
 mod corner;
+mod corner_time;
+mod fillet;
 mod merge;
+mod pending;
 
 use heapless::Vec;
 
 use self::{
     corner::Corner,
     merge::{Merger, NextMove, ProgrammedLine},
+    pending::PendingMove,
 };
 use super::router::{Limits, PathEnd, to_axes};
 use crate::{
@@ -32,8 +37,8 @@ use crate::{
     units::Nm,
 };
 
-/// Most outputs of one command: a line and a corner for each of two ends of merged lines, and either the same for a
-/// third or the last line and the command.
+/// Most outputs of one command: a move and a corner for each of two ends of merged lines, and either the same for an arc
+/// or another line, or the last line and the command.
 const OUTPUTS: usize = 6;
 /// Farthest displacement of a blended line, nm: 2 m, up to which single precision has an error of a
 /// tenth of a micrometre.
@@ -42,13 +47,13 @@ const FARTHEST_NM: i64 = 2_000_000_000;
 /// An output of the blender, for the router.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum BlendOutput {
-    /// A command as the interpreter made it, or a line that is shortened or merged from several.
+    /// A command as the interpreter made it, or a line or an arc that is shortened, or a line merged from several.
     Command(Command),
     /// The arc in the place of a corner.
     CornerArc(CornerArc),
 }
 
-/// An arc between two lines, from the end of the line before, in any plane.
+/// An arc between two moves, from the end of the move before, in any plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerArc {
     /// End of the arc.
@@ -61,39 +66,20 @@ pub struct CornerArc {
     pub radial: [f32; LINEAR],
     /// Direction of the path at the start.
     pub tangent: [f32; LINEAR],
-    /// Feed rate: the lower one of the two lines.
+    /// Feed rate: the lower one of the two moves.
     pub feed_rate: FeedRate,
-    /// `N` word of the line after the corner, 0 without one.
+    /// `N` word of the move after the corner, 0 without one.
     pub line: u32,
 }
 
-/// A line that is held back until the corner at its end is known.
-#[derive(Debug, Clone, Copy)]
-struct PendingLine {
-    /// Start: the end of the corner arc before.
-    start: Axes<Nm>,
-    target: Target,
-    direction: [f32; LINEAR],
-    /// Direction of the last of the lines that were merged: movement of the axes per mm.
-    last_direction: Axes<f32>,
-    /// Length as programmed, from corner to corner, mm.
-    length_mm: f32,
-    /// Distance from the lines that were merged, mm.
-    error_mm: f32,
-    feed_rate: FeedRate,
-    line: u32,
-    /// Squared speed that can be reached at the start, (mm/s)²: 0 where that is unknown.
-    reached_sqr: f32,
-}
-
-/// The lines held back, and the outputs.
+/// The moves held back, and the outputs.
 #[derive(Debug)]
 pub struct Blender {
     control: PathControl,
-    /// State of the laser in the lines held back.
+    /// State of the laser in the moves held back.
     laser: Option<Laser>,
     merger: Merger,
-    pending: Option<PendingLine>,
+    pending: Option<PendingMove>,
     outputs: Vec<BlendOutput, OUTPUTS>,
     deviation_mm: f32,
 }
@@ -125,11 +111,11 @@ impl Blender {
     #[inline]
     #[must_use]
     pub fn has_pending(&self) -> bool {
-        self.has_line() || !self.outputs.is_empty()
+        self.has_move() || !self.outputs.is_empty()
     }
 
     #[inline]
-    fn has_line(&self) -> bool {
+    fn has_move(&self) -> bool {
         self.pending.is_some() || !self.merger.is_empty()
     }
 
@@ -185,7 +171,11 @@ impl Blender {
                     self.line(limits, (from, end.tangent), &line);
                 }
             }
-            Command::Power(laser) if self.laser == Some(laser) && self.has_line() => {}
+            Command::Arc { .. } => match PendingMove::arc(limits, &from, command) {
+                Some(arc) => self.arc(limits, arc),
+                None => self.pass(limits, command),
+            },
+            Command::Power(laser) if self.laser == Some(laser) && self.has_move() => {}
             _ => self.pass(limits, command),
         }
         if let Command::Power(laser) = command {
@@ -202,8 +192,8 @@ impl Blender {
     fn end_lines(&mut self, limits: &Limits, next_move: NextMove) {
         self.settle(limits, next_move);
         self.end_merged_line(limits);
-        if let Some(line) = self.pending.take() {
-            self.output_line(line.start, line.target, &line);
+        if let Some(last) = self.pending.take() {
+            self.output_move(&last, last.target);
         }
     }
 
@@ -218,7 +208,7 @@ impl Blender {
 
     /// Returns the end of what is held back.
     fn position(&self) -> Option<Axes<Nm>> {
-        let pending = self.pending.as_ref().map(|line| line.target.position);
+        let pending = self.pending.as_ref().map(|last| last.target.position);
         self.merger.end().map(|end| end.position).or(pending)
     }
 
@@ -261,47 +251,53 @@ impl Blender {
         line: &ProgrammedLine,
     ) {
         let before = match &self.pending {
-            Some(pending) => [to_axes(&pending.direction), pending.last_direction],
+            Some(pending) => [to_axes(&pending.directions[1]), pending.last_direction],
             None => [tangent; 2],
         };
         self.merger.begin(limits, from, before, line);
     }
 
-    /// Ends the merged line, and outputs the line and the corner before.
+    /// Adds an arc.
+    fn arc(&mut self, limits: &Limits, arc: PendingMove) {
+        self.settle(limits, NextMove::Direction(to_axes(&arc.directions[0])));
+        self.end_merged_line(limits);
+        self.hold_back(limits, arc);
+    }
+
+    /// Ends the merged line, and outputs the move and the corner before.
     fn end_merged_line(&mut self, limits: &Limits) {
-        let Some(mut next) = self.merger.end_line() else {
-            return;
-        };
-        self.deviation_mm = math::max(self.deviation_mm, next.error_mm);
+        if let Some(line) = self.merger.end_line() {
+            self.deviation_mm = math::max(self.deviation_mm, line.error_mm);
+            self.hold_back(limits, line);
+        }
+    }
+
+    /// Holds a move back, and outputs the move and the corner before.
+    fn hold_back(&mut self, limits: &Limits, mut next: PendingMove) {
         if let Some(before) = self.pending.take() {
             let corner = Corner::new(limits, &before, &next);
             if let Some(rounding) = corner.rounded(limits, self.tolerance_mm()) {
-                next.reached_sqr = rounding.reached_sqr;
-                next.start = rounding.arc.target;
+                next.begin_after(&rounding);
                 self.deviation_mm = math::max(self.deviation_mm, rounding.deviation_mm);
-                self.output_line(before.start, rounding.start.into(), &before);
+                self.output_move(&before, rounding.start.into());
                 self.output(BlendOutput::CornerArc(rounding.arc));
             } else {
-                next.reached_sqr = corner.reached_sqr();
-                self.output_line(before.start, before.target, &before);
+                next.reach = corner.reach();
+                self.output_move(&before, before.target);
             }
         }
         self.pending = Some(next);
     }
 
-    /// Outputs what the corners have left of a line.
-    fn output_line(&mut self, from: Axes<Nm>, target: Target, line: &PendingLine) {
-        // Two corners may leave a rounding error.
+    /// Outputs what the corners have left of a move, up to a target.
+    fn output_move(&mut self, held_back: &PendingMove, target: Target) {
+        // Two corners may leave a rounding error of a line.
         let is_left = |axis| {
-            let distance: Nm = target.position[axis] - from[axis];
+            let distance: Nm = target.position[axis] - held_back.start[axis];
             distance.0.abs() > corner::ROUNDING_NM
         };
-        if (0..AXES).any(is_left) {
-            self.output(BlendOutput::Command(Command::Line {
-                target,
-                feed_rate: line.feed_rate,
-                line: line.line,
-            }));
+        if held_back.arc.is_some() || (0..AXES).any(is_left) {
+            self.output(BlendOutput::Command(held_back.command(target)));
         }
     }
 

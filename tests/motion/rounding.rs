@@ -154,6 +154,104 @@ fn a_corner_is_rounded_as_far_from_it_as_is_asked_for() {
     }
 }
 
+/// A contour from the origin along X: an arc of an angle, positive to the left, or a line for a length of 10 mm.
+fn contour(parts: [(f64, f64); 2], turn: f64) -> Vec<Command> {
+    let (mut at, mut heading) = ([0.0_f64; 3], 0.0_f64);
+    let mut commands = Vec::new();
+    for (number, (radius, angle)) in parts.into_iter().enumerate() {
+        heading += if number == 0 { 0.0 } else { turn };
+        if angle == 0.0 {
+            at = [
+                at[0] + 10.0 * heading.cos(),
+                at[1] + 10.0 * heading.sin(),
+                0.0,
+            ];
+            commands.push(line(&at, 5000.0));
+            continue;
+        }
+        let towards = heading + std::f64::consts::FRAC_PI_2.copysign(angle);
+        let centre = [radius * towards.cos(), radius * towards.sin()];
+        heading += angle;
+        let from = heading - std::f64::consts::FRAC_PI_2.copysign(angle);
+        at[0] += centre[0] + radius * from.cos();
+        at[1] += centre[1] + radius * from.sin();
+        let rotation = if angle > 0.0 {
+            Rotation::CounterClockwise
+        } else {
+            Rotation::Clockwise
+        };
+        commands.push(arc(Plane::Xy, rotation, &at, centre, 5000.0));
+    }
+    commands
+}
+
+#[test]
+fn a_corner_at_an_arc_is_rounded_as_far_from_it_as_is_asked_for() {
+    let shapes = [(20.0, 0.5), (20.0, -0.5), (0.0, 0.0)];
+    for before in shapes {
+        for after in shapes {
+            for turn in [0.3, -0.7] {
+                let commands = contour([before, after], turn);
+                let (outputs, reported_mm) = blended(&fine(), continuous(50_000, 0), &commands);
+                let name = format!("{before:?} {after:?} {turn}");
+                assert_eq!((rounds(&outputs), outputs.len()), (1, 3), "{name}");
+                let found_mm = deviation_mm(&commands, &outputs, 5.0);
+                assert!((found_mm - 0.05).abs() < 0.0002, "{name}: {found_mm}");
+                assert!((f64::from(reported_mm) - 0.05).abs() < 0.0002, "{name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn an_arc_loses_half_at_each_end_at_most_and_keeps_its_circle() {
+    let mut commands = contour([(0.0, 0.0), (4.0, 1.0)], 0.6);
+    let last = contour([(4.0, 1.0), (0.0, 0.0)], 0.6);
+    let end = support::target(&commands[1]).unwrap();
+    commands.push(last[1]);
+    let (outputs, _) = blended(
+        &with(&[1000.0], &[5000.0], &[2000.0]),
+        continuous(0, 0),
+        &commands,
+    );
+    let arcs = outputs.iter().filter_map(|output| match output {
+        BlendOutput::Command(Command::Arc { target, circle, .. }) => Some((*target, *circle)),
+        _ => None,
+    });
+    let [(target, circle)] = arcs.collect::<Vec<_>>()[..] else {
+        panic!("{outputs:?}");
+    };
+    assert_ne!(target.position, end);
+    let from = outputs.iter().find_map(|output| match output {
+        BlendOutput::CornerArc(round) => Some(round.target),
+        BlendOutput::Command(_) => None,
+    });
+    let from = from.unwrap();
+    let radius = |at: &Axes<Nm>| {
+        let off = [0, 1].map(|n| (at[n] - from[n] - circle.centre[n]).0 as f64 * 1.0e-6);
+        off[0].hypot(off[1])
+    };
+    assert!((radius(&from) - 4.0).abs() < 3.0e-6, "{}", radius(&from));
+    assert!((radius(&target.position) - 4.0).abs() < 3.0e-6);
+}
+
+#[test]
+fn circles_helices_and_spirals_stay_as_they_are() {
+    let lead_in = line(&[10.0, 0.0, 0.0], 5000.0);
+    let lead_out = line(&[0.0, -20.0, 5.0], 5000.0);
+    let turn = |at: &[f64], centre| arc(Plane::Xy, Rotation::CounterClockwise, at, centre, 5000.0);
+    for curve in [
+        turn(&[10.0, 0.0, 0.0], [3.0, 4.0]),
+        turn(&[13.0, 9.0, 1.0], [3.0, 4.0]),
+        turn(&[13.0, 9.1, 0.0], [3.0, 4.0]),
+    ] {
+        let commands = [lead_in, curve, lead_out];
+        let (outputs, reported_mm) = blended(&fine(), continuous(50_000, 0), &commands);
+        let unchanged = commands.map(BlendOutput::Command);
+        assert_eq!((&outputs[..], reported_mm), (&unchanged[..], 0.0));
+    }
+}
+
 #[test]
 fn a_corner_after_another_tolerance_is_where_its_lines_meet() {
     let (sine, cosine) = 45.0_f64.to_radians().sin_cos();
@@ -306,11 +404,16 @@ fn programs() -> impl Strategy<Value = Vec<Command>> {
             at[0] += length * heading.cos();
             at[1] += length * heading.sin();
             at[2] += length * rise;
-            if kind == 0 {
-                // A flat arc, to the left.
+            if kind < 4 {
+                // An arc, flat or not, to the left or to the right.
                 let (x, y) = (length * heading.cos(), length * heading.sin());
-                let centre = [0.5 * x - 3.0 * y, 0.5 * y + 3.0 * x];
-                let rotation = Rotation::CounterClockwise;
+                let (side, rotation) = if kind % 2 == 0 {
+                    (1.0, Rotation::CounterClockwise)
+                } else {
+                    (-1.0, Rotation::Clockwise)
+                };
+                let far = if kind < 2 { 3.0 * side } else { side };
+                let centre = [0.5 * x - far * y, 0.5 * y + far * x];
                 commands.push(arc(Plane::Xy, rotation, &at, centre, feed));
             } else {
                 commands.push(line(&at, feed));

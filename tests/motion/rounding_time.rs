@@ -226,6 +226,20 @@ fn no_program_takes_longer_with_rounded_corners() {
 }
 
 #[test]
+fn a_contour_with_sharp_corners_at_arcs_takes_less_time() {
+    let mut pen = Pen::new(4000.0);
+    for number in 0..12 {
+        pen.arc(8.0, if number % 2 == 0 { 1.2 } else { -0.9 });
+        pen.heading += 0.35;
+        pen.ahead(6.0, 0.0);
+        pen.heading += 0.35;
+    }
+    let settings = milling(0.0);
+    let part = check(&settings, continuous(0.1, 0.0), &pen.commands, RAMPS_PART).unwrap();
+    assert!(part < 0.97, "{part}");
+}
+
+#[test]
 fn no_program_takes_longer_with_rounded_corners_and_limits_of_jerk() {
     check_corpus(10_000.0, JERK_PART);
     check_corpus(50_000.0, JERK_PART);
@@ -243,13 +257,14 @@ fn chords_of_a_curve_take_less_time_with_rounded_corners() {
     assert!(part < 0.92, "{part}");
 }
 
-/// Random programs: lines short and long, all angles, changes of feed, rapids between feeds, a few arcs.
-fn programs() -> impl Strategy<Value = Vec<Command>> {
+/// Random programs: lines short and long, all angles, changes of feed, rapids between feeds, arcs: a few or half.
+fn programs(has_many_arcs: bool) -> impl Strategy<Value = Vec<Command>> {
     let turn = prop_oneof![4 => -1.0..1.0_f64, 1 => -3.1..3.1_f64];
     let step = (turn, 0.3..1.0_f64, 0..30_u8, -0.5..0.5_f64);
     let shape = (0.05..3.0_f64, 0.1..1.0_f64, 1.0..30.0_f64, any::<bool>());
-    (shape, prop::collection::vec(step, 2..40)).prop_map(|(shape, steps)| {
+    (shape, prop::collection::vec(step, 2..40)).prop_map(move |(shape, steps)| {
         let (most_turn, short_mm, ratio, is_flat) = shape;
+        let is_flat = is_flat || has_many_arcs;
         let mut pen = Pen::new(3000.0);
         for (turn, part, kind, rise) in steps {
             pen.heading += turn * if turn.abs() < 1.0 { most_turn } else { 1.0 };
@@ -258,6 +273,7 @@ fn programs() -> impl Strategy<Value = Vec<Command>> {
             match kind {
                 1 => pen.rapid(mm),
                 2 => pen.arc(0.5 + mm, 3.0 * rise + 0.1_f64.copysign(rise)),
+                15.. if has_many_arcs => pen.arc(0.1 + mm, 3.0 * rise + 0.1_f64.copysign(rise)),
                 3 => pen.mm_min = 200.0 + 5000.0 * part as f32,
                 _ => pen.ahead(mm, if is_flat { 0.0 } else { mm * rise }),
             }
@@ -283,21 +299,49 @@ fn machines() -> impl Strategy<Value = Settings> {
     })
 }
 
+/// Checks a random program.
+fn check_random(
+    settings: &Settings,
+    control: PathControl,
+    commands: &[Command],
+) -> Result<(), TestCaseError> {
+    let has_jerk_limit = settings.jerk_mm_s3[0] > 0.0;
+    let longest_part = if has_jerk_limit {
+        MOST_JERK_PART
+    } else {
+        RAMPS_PART
+    };
+    let slower = check(settings, control, commands, longest_part).err();
+    prop_assert!(slower.is_none(), "{}", slower.unwrap_or_default());
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(cases(500))]
+
+    #[test]
+    fn no_random_contour_of_lines_and_arcs_takes_longer_with_rounded_corners(
+        settings in machines(),
+        commands in programs(true),
+        tolerance_mm in 0.005..0.5_f64,
+        merging_part in prop::sample::select(vec![0.0, 0.3, 1.0]),
+    ) {
+        let control = continuous(tolerance_mm, merging_part * tolerance_mm);
+        check_random(&settings, control, &commands)?;
+    }
+}
+
 proptest! {
     #![proptest_config(cases(750))]
 
     #[test]
     fn no_random_program_takes_longer_with_rounded_corners(
         settings in machines(),
-        commands in programs(),
+        commands in programs(false),
         tolerance_mm in 0.005..0.5_f64,
         merging_part in prop::sample::select(vec![0.0, 0.3, 1.0]),
     ) {
         let control = continuous(tolerance_mm, merging_part * tolerance_mm);
-        let has_jerk_limit = settings.jerk_mm_s3[0] > 0.0;
-        let longest_part = if has_jerk_limit { MOST_JERK_PART } else { RAMPS_PART };
-        if let Err(slower) = check(&settings, control, &commands, longest_part) {
-            prop_assert!(false, "{}", slower);
-        }
+        check_random(&settings, control, &commands)?;
     }
 }

@@ -8,7 +8,10 @@
 //! an acceleration like theirs, and if the corners at both its ends are no slower. The latter depends on what follows:
 //! the last line is taken out again where the merged line would have a slower corner with that.
 
-use super::{PendingLine, direction, linear_mm};
+use super::{
+    direction, linear_mm,
+    pending::{PendingMove, Reach},
+};
 use crate::{
     axis::{AXES, Axes, LINEAR},
     math,
@@ -247,21 +250,22 @@ impl Merger {
     }
 
     /// Returns the merged line and begins anew; `None` for no lines.
-    pub(super) fn end_line(&mut self) -> Option<PendingLine> {
+    pub(super) fn end_line(&mut self) -> Option<PendingMove> {
         let displacement = *self.points.get(self.count.checked_sub(1)?)?;
         self.count = 0;
         let MergedLines { last, error_mm } = self.whole;
         let length_mm = math::sqrt(math::dot(&displacement, &displacement));
-        Some(PendingLine {
+        Some(PendingMove {
             start: self.start,
             target: last.target,
-            direction: displacement.map(|part| part / length_mm),
+            directions: [displacement.map(|part| part / length_mm); 2],
             last_direction: last.direction,
             length_mm,
             error_mm,
             feed_rate: last.feed_rate,
             line: last.line,
-            reached_sqr: 0.0,
+            reach: Reach::UNKNOWN,
+            arc: None,
         })
     }
 }

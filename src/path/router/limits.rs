@@ -9,7 +9,7 @@ use core::f32::consts::SQRT_2;
 use crate::{
     axis::{AXES, Axes, LINEAR},
     math,
-    model::{FeedRate, core_xy},
+    model::{FeedRate, Plane, core_xy},
     path::{RampTime, programmed_speed::programmed_mm_s},
     settings::Settings,
     units::StepsPerMm,
@@ -34,6 +34,9 @@ pub(crate) struct Limits {
     pub(super) is_core_xy: bool,
     /// Linear axes that have backlash, bit 0 = X.
     backlash_axes: u8,
+    /// Arcs are in whole steps: `$790`.
+    #[cfg(arc_machine)]
+    has_step_arcs: bool,
 }
 
 impl Limits {
@@ -65,6 +68,8 @@ impl Limits {
             steps_per_s: settings.step_rate.hz() as f32,
             is_core_xy: settings.core_xy,
             backlash_axes: settings.backlash_axes(),
+            #[cfg(arc_machine)]
+            has_step_arcs: settings.arc_rule != 0,
         }
     }
 
@@ -88,6 +93,24 @@ impl Limits {
     pub(crate) fn arc_shares(&self, radial: Axes<f32>, tangent: Axes<f32>) -> Axes<f32> {
         let (radial, tangent) = (self.motors_of(radial), self.motors_of(tangent));
         radial.zip(tangent, |a, b| math::sqrt(a * a + b * b))
+    }
+
+    /// Returns the same for the plane of two axes.
+    pub(crate) fn plane_shares(&self, axes: [usize; 2]) -> Axes<f32> {
+        let [first, second] =
+            axes.map(|axis| Axes::from_fn(|other| if other == axis { 1.0 } else { 0.0 }));
+        self.arc_shares(first, second)
+    }
+
+    /// Returns whether corners at the arcs of a plane may be rounded: not where arcs are chords or in whole steps, nor
+    /// within limits of jerk.
+    pub(crate) fn rounds_arcs(&self, plane: Plane) -> bool {
+        #[cfg(arc_machine)]
+        if self.has_step_arcs {
+            return false;
+        }
+        let is_chords = self.is_core_xy && plane != Plane::Xy;
+        !is_chords && !self.is_jerk_limited()
     }
 
     /// Returns the smallest of the limits, each divided by the axis's share of the direction.
