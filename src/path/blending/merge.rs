@@ -167,6 +167,9 @@ impl Merger {
             return false;
         };
         let merged = to_axes(&merged);
+        if limits.is_jerk_limited() && !self.is_straight(limits, &merged, &line.direction) {
+            return false;
+        }
         let acceleration_mm_s2 = math::max(
             self.acceleration_mm_s2,
             limits.line_acceleration_mm_s2(&line.direction),
@@ -190,6 +193,14 @@ impl Merger {
         self.shorter = core::mem::replace(&mut self.whole, MergedLines { last, error_mm });
         self.acceleration_mm_s2 = acceleration_mm_s2;
         true
+    }
+
+    /// Returns whether the first line and the last one have the direction of the merged one. With limits of jerk the time of
+    /// another line is not known: a change of acceleration takes time, too.
+    fn is_straight(&self, limits: &Limits, merged: &Axes<f32>, last: &Axes<f32>) -> bool {
+        let first = direction(&self.points[0]).map(|first| to_axes(&first));
+        let is_along = |direction| limits.junction_sqr(merged, direction) == f32::MAX;
+        first.as_ref().is_some_and(is_along) && is_along(last)
     }
 
     /// Takes out the last line, if all lines as one would have a slower corner to what follows.
