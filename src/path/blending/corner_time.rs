@@ -269,3 +269,40 @@ fn sqr_of(angle: f32, limit_sqr: f32) -> f32 {
     let sqr = limit_sqr * math::sin(math::min(angle, FRAC_PI_2));
     math::max(sqr, f32::MIN_POSITIVE)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_change_of_speed_on_an_arc_costs_the_time_that_it_takes_at_least() {
+        let (radius_mm, acceleration_mm_s2) = (10.0_f32, 500.0);
+        let limit_sqr = acceleration_mm_s2 * radius_mm;
+        let arc = CornerSide {
+            direction: Axes::all(0.0),
+            speed_mm_s: 60.0,
+            acceleration_mm_s2,
+            limit_sqr: Some(limit_sqr),
+            measure_per_mm: 2.0 / radius_mm,
+            corner: 0.0,
+            is_known: false,
+        };
+        for (slower, faster) in [(10.0_f32, 60.0_f32), (30.0, 50.0), (50.0, 60.0)] {
+            let mut seconds = 0.0;
+            let change = 0.001 * (faster - slower);
+            for part in 0..1000_u16 {
+                let speed = slower + (f32::from(part) + 0.5) * change;
+                let centripetal = speed * speed / radius_mm;
+                let along = acceleration_mm_s2.powi(2) - centripetal.powi(2);
+                seconds += change / along.sqrt();
+            }
+            let counted = arc.ramp_s(slower, faster, 100.0);
+            let most = seconds * 0.5 * (1.0 + faster / slower);
+            assert!(
+                counted >= 0.999 * seconds && counted <= most,
+                "{counted} {seconds}"
+            );
+        }
+        assert!(arc.ramp_s(10.0, 60.0, 1.0) > 1.0e6);
+    }
+}
