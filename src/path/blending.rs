@@ -17,6 +17,7 @@
 //! uses half of `P` at most, and a corner the part that its lines have left.
 
 mod corner;
+mod corner_jerk;
 mod corner_time;
 mod fillet;
 mod merge;

@@ -389,6 +389,27 @@ fn a_corner_after_a_line_without_a_step_ends_without_a_jump() {
     }
 }
 
+#[test]
+fn within_limits_of_jerk_steps_follow_the_rounded_path_within_those_of_acceleration() {
+    let settings = Settings {
+        jerk_mm_s3: Axes::all(10_000.0),
+        ..fast()
+    };
+    let (mut at, mut commands) = ([0.0_f64; 2], Vec::new());
+    for side in 0..12_u8 {
+        let (sine, cosine) = (20.0 * f64::from(side)).to_radians().sin_cos();
+        at = [at[0] + 20.0 * cosine, at[1] + 20.0 * sine];
+        commands.push(line(&at, 3000.0));
+    }
+    let mut rig = Rig::new(&settings);
+    rig.control = continuous(200_000, 0);
+    rig.run(&number(&commands), &[]);
+    assert!(rounds(&rig.blended) > 8, "{:?}", rig.blended);
+    check_limits(&settings, &rig.trace);
+    let pieces = pieces_of_blended(&settings, &rig.blended);
+    follow(&settings, &pieces, &rig.trace, 1.0);
+}
+
 /// Random ways: mostly short, some long, some on a curve, at a few feeds.
 fn programs() -> impl Strategy<Value = Vec<Command>> {
     let turn = prop_oneof![3 => -0.3..0.3, 1 => -3.1..3.1];

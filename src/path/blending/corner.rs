@@ -15,6 +15,7 @@
 
 use super::{
     CornerArc,
+    corner_jerk::JerkLimitedArc,
     corner_time::{ArcProfile, CornerSide},
     fillet::PlaneCorner,
     pending::{PendingMove, Reach, SHORTEST_REST_S},
@@ -37,9 +38,6 @@ const MIN_COSINE_SQR: f32 = 1.0e-3;
 const MAX_RADIUS_STEPS: f32 = 2_000_000.0;
 /// Part of the tolerance that is used: the remainder is for rounding in single precision.
 const TOLERANCE_PART: f32 = 0.9999;
-/// Factor on the time for a change of speed with a limit of jerk. The acceleration has to change, too, for which no time
-/// is known here: then an arc hardly begins or ends more slowly than the exact path, and counts as passed at one speed.
-const JERK_LIMITED_PENALTY: f32 = 1.0e3;
 
 /// The corner of two moves.
 pub(super) struct Corner<'a> {
@@ -59,6 +57,8 @@ pub(super) struct RoundedCorner {
     pub(super) arc: CornerArc,
     /// What the arc trims of the move after it, mm.
     pub(super) trimmed_mm: f32,
+    /// What the next corner has to leave of the move after it, mm.
+    pub(super) rest_mm: f32,
     /// Greatest distance from the programmed path, mm, that of the moves included.
     pub(super) deviation_mm: f32,
     /// Speed that can be reached at the end of the arc.
@@ -123,11 +123,16 @@ impl<'a> Corner<'a> {
             [Some(plane), _] | [_, Some(plane)] => self.in_plane(limits, plane, allowed_mm),
         }?;
         let profile = self.profile(limits, &arc);
-        if profile.top_sqr <= self.junction_sqr
-            || !profile.is_no_slower(&self.sides, self.junction_sqr)
-        {
+        if profile.top_sqr <= self.junction_sqr {
             return None;
         }
+        let rest_mm = if limits.is_jerk_limited() {
+            self.needed_rest_mm(limits, &arc, &profile)?
+        } else if profile.is_no_slower(&self.sides, self.junction_sqr) {
+            0.0
+        } else {
+            return None;
+        };
         Some(RoundedCorner {
             start: arc.start,
             arc: CornerArc {
@@ -140,15 +145,17 @@ impl<'a> Corner<'a> {
                 line: after.line,
             },
             trimmed_mm: arc.trimmed_mm[1],
+            rest_mm,
             deviation_mm: arc.deviation_mm + error_mm,
             reach: profile.reach(&self.sides[0]),
         })
     }
 
     /// Returns the greatest radius that is of use, mm.
-    fn most_radius_mm(&self, limits: &Limits, acceleration_mm_s2: f32) -> f32 {
+    fn most_radius_mm(&self, limits: &Limits, shares: &Axes<f32>) -> f32 {
+        let sqr_per_mm = limits.corner_arc_sqr(shares, 1.0, limits.acceleration_along(shares));
         math::min(
-            self.wanted_sqr / acceleration_mm_s2,
+            self.wanted_sqr / sqr_per_mm,
             limits.radius_mm(MAX_RADIUS_STEPS),
         )
     }
@@ -162,7 +169,7 @@ impl<'a> Corner<'a> {
         let half_mm = 0.5 * math::min(before.length_mm, after.length_mm);
         let radius_mm = math::min(
             math::min(allowed_mm / angle.excess(), half_mm / angle.half_tangent()),
-            self.most_radius_mm(limits, limits.acceleration_along(&shares)),
+            self.most_radius_mm(limits, &shares),
         );
         let left_mm = before.left_mm();
         let before_mm_s = self.sides[0].speed_mm_s;
@@ -200,7 +207,7 @@ impl<'a> Corner<'a> {
         }
         let shares = limits.plane_shares(axes);
         let corner = PlaneCorner::new([0, 1].map(|n| moves[n].curve(axes, 1 - n, most_mm[n])))?;
-        let most_radius_mm = self.most_radius_mm(limits, limits.acceleration_along(&shares));
+        let most_radius_mm = self.most_radius_mm(limits, &shares);
         let fillet = corner.widest(f64::from(allowed_mm), f64::from(most_radius_mm))?;
         let trimmed_mm = corner.trimmed_mm(&fillet).map(|mm| mm as f32);
         let direction = |[x, y]: [f64; 2]| {
@@ -242,23 +249,41 @@ impl<'a> Corner<'a> {
         let shortest_s = Limits::shortest_corner_arc_s(reversals.count(), arc.has_slack);
         let axes_mm_s = math::min(limits.arc_mm_s(&arc.shares), length_mm / shortest_s);
         let acceleration = limits.acceleration_along(&arc.shares);
-        let (angle_per_mm, penalty) = if limits.is_jerk_limited() {
-            (0.0, JERK_LIMITED_PENALTY)
-        } else {
-            (2.0 / arc.radius_mm, 1.0)
-        };
         ArcProfile {
             length_mm,
             trimmed_mm: arc.trimmed_mm,
             rests_mm: arc.rests_mm,
             limit_sqr: acceleration * arc.radius_mm,
-            angle_per_mm,
-            penalty,
+            angle_per_mm: 2.0 / arc.radius_mm,
             top_sqr: math::min(
                 math::min(self.wanted_sqr, axes_mm_s * axes_mm_s),
                 limits.corner_arc_sqr(&arc.shares, arc.radius_mm, acceleration),
             ),
         }
+    }
+
+    /// Returns what the next corner has to leave of the move after an arc within limits of jerk, mm; `None` for an arc that
+    /// may be slower.
+    fn needed_rest_mm(
+        &self,
+        limits: &Limits,
+        arc: &TouchingArc,
+        profile: &ArcProfile,
+    ) -> Option<f32> {
+        let [before_mm, after_mm] = arc.trimmed_mm;
+        let speed_mm_s = math::sqrt(profile.top_sqr);
+        let arc = JerkLimitedArc {
+            speed_mm_s,
+            acceleration_mm_s2: limits.corner_arc_mm_s2(&arc.shares, arc.radius_mm, speed_mm_s),
+            trimmed_mm: arc.trimmed_mm,
+            ramp_s: limits.ramp_s(),
+        };
+        let needed_mm = arc.stopping_mm();
+        let has_rests = self.before.left_mm() - before_mm
+            >= math::max(needed_mm, self.before.rest_mm)
+            && self.after.length_mm - after_mm >= needed_mm;
+        let is_ahead = arc.is_ahead(&self.sides, math::sqrt(self.junction_sqr));
+        (has_rests && is_ahead).then_some(needed_mm)
     }
 }
 

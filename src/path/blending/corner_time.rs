@@ -40,7 +40,7 @@ pub(super) struct CornerSide {
     /// Direction at the corner.
     pub(super) direction: Axes<f32>,
     pub(super) speed_mm_s: f32,
-    acceleration_mm_s2: f32,
+    pub(super) acceleration_mm_s2: f32,
     /// Squared speed at which the acceleration of an arc is towards its centre, (mm/s)²; `None` for a line.
     limit_sqr: Option<f32>,
     measure_per_mm: f32,
@@ -161,8 +161,6 @@ pub(super) struct ArcProfile {
     pub(super) angle_per_mm: f32,
     /// Limit of the squared speed, (mm/s)².
     pub(super) top_sqr: f32,
-    /// Factor on the time for a change of speed outside the arc.
-    pub(super) penalty: f32,
 }
 
 impl ArcProfile {
@@ -238,8 +236,7 @@ impl ArcProfile {
             for stretch in 0..SPEED_SAMPLES {
                 saved_s += stretch_mm / exact((stretch as f32 + 0.5) * stretch_mm);
             }
-            let ramp_s = side.ramp_s(ends[number], exact(trimmed_mm), self.rests_mm[number]);
-            saved_s -= self.penalty * ramp_s;
+            saved_s -= side.ramp_s(ends[number], exact(trimmed_mm), self.rests_mm[number]);
         }
         saved_s
     }

@@ -276,6 +276,7 @@ impl Merger {
             feed_rate: last.feed_rate,
             line: last.line,
             reach: Reach::UNKNOWN,
+            rest_mm: 0.0,
             arc: None,
         })
     }

@@ -39,6 +39,8 @@ pub(super) struct PendingMove {
     pub(super) line: u32,
     /// Speed that can be reached at the start.
     pub(super) reach: Reach,
+    /// What the corner at the end has to leave, mm.
+    pub(super) rest_mm: f32,
     /// The circle of an arc.
     pub(super) arc: Option<PendingArc>,
 }
@@ -127,6 +129,7 @@ impl PendingMove {
             feed_rate,
             line,
             reach: Reach::UNKNOWN,
+            rest_mm: 0.0,
             arc: Some(PendingArc {
                 plane: circle.plane,
                 rotation: circle.rotation,
@@ -142,6 +145,7 @@ impl PendingMove {
     pub(super) fn begin_after(&mut self, rounding: &RoundedCorner) {
         self.start = rounding.arc.target;
         self.reach = rounding.reach;
+        self.rest_mm = rounding.rest_mm;
         if let Some(arc) = &mut self.arc {
             arc.trimmed_mm = rounding.trimmed_mm;
         }

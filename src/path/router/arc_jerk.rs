@@ -32,6 +32,8 @@ const SHORT_BEND_PART: f64 = 0.98;
 /// Greatest duration of a short bend, ramp times, and its least angle, rad.
 const SHORT_BEND_RAMPS: f64 = 1.1;
 const BEND_RAD: f64 = 2.5;
+/// The same on corner arcs: 0.8 is left.
+const CORNER_ARC_PART: f64 = 0.6;
 /// An arc of that angle or more is a circle: most begin and end at a standstill or a corner, rad.
 const CIRCLE_RAD: f64 = 6.0;
 /// Greatest part of the jerk at constant speed, v³k². The other half is left for changes of speed.
@@ -189,12 +191,48 @@ impl Limits {
         if !self.ramp_time.is_jerk_limited() {
             return acceleration * radius_mm;
         }
+        if !self.limits_jerk_of_arcs() {
+            return CORNER_ARC_PART as f32 * acceleration * radius_mm;
+        }
         let arc = self.corner_arc_jerk(shares, radius_mm, acceleration);
         let speed_mm_s = arc.speed_mm_s();
         math::min(
             speed_mm_s * speed_mm_s,
             curvature_change_sqr(arc.curvature_per_mm as f32, arc.jerk_mm_s3),
         )
+    }
+
+    /// Returns the acceleration along a corner arc up to a speed, within limits of jerk, mm/s².
+    pub(crate) fn corner_arc_mm_s2(
+        &self,
+        shares: &Axes<f32>,
+        radius_mm: f32,
+        speed_mm_s: f32,
+    ) -> f32 {
+        let arc = self.corner_arc_jerk(shares, radius_mm, self.acceleration_along(shares));
+        if self.limits_jerk_of_arcs() {
+            arc.along_mm_s2(speed_mm_s, self.ramp_time)
+        } else {
+            arc.left_mm_s2(arc.centripetal_mm_s(CORNER_ARC_PART) as f32) as f32
+        }
+    }
+
+    /// Returns the greatest speed and the tangential acceleration on a corner arc: see [`Self::of_arc`].
+    pub(super) fn of_corner_arc(
+        &self,
+        arc: &ArcJerk,
+        (speed_mm_s, acceleration_mm_s2): (f32, f32),
+        feed_rate: FeedRate,
+        length_mm: f32,
+    ) -> (f32, f32) {
+        if !self.ramp_time.is_jerk_limited() || self.limits_jerk_of_arcs() {
+            let limits = (speed_mm_s, acceleration_mm_s2);
+            return self.jerk_limited(&[*arc], limits, feed_rate, length_mm);
+        }
+        let speed_mm_s = speed_mm_s.min(arc.centripetal_mm_s(CORNER_ARC_PART) as f32);
+        let programmed = programmed_mm_s(feed_rate, length_mm, speed_mm_s);
+        let fastest = speed_mm_s.min(MAX_FEED_OVERRIDE * programmed);
+        (speed_mm_s, arc.left_mm_s2(fastest) as f32)
     }
 
     pub(super) fn corner_arc_jerk(

@@ -49,8 +49,8 @@ impl Router {
             limit_sqr,
             length_mm / shortest_s,
         );
-        let (limit_mm_s, acceleration_mm_s2) = limits.jerk_limited(
-            &[limits.corner_arc_jerk(&shares, arc.radius_mm, acceleration)],
+        let (limit_mm_s, acceleration_mm_s2) = limits.of_corner_arc(
+            &limits.corner_arc_jerk(&shares, arc.radius_mm, acceleration),
             (limit_mm_s, acceleration),
             arc.feed_rate,
             length_mm,
@@ -60,7 +60,11 @@ impl Router {
             length_mm,
             steps_per_mm,
             tangents: [tangent, end_tangent].map(normalised),
-            curvatures: [radial, end_radial].map(|radial| radial.map(|part| -part / arc.radius_mm)),
+            curvatures: if limits.limits_jerk_of_arcs() {
+                [radial, end_radial].map(|radial| radial.map(|part| -part / arc.radius_mm))
+            } else {
+                [Axes::all(0.0); 2]
+            },
             limit_mm_s,
             acceleration_mm_s2,
             curve: Some(Curve {

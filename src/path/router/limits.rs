@@ -190,6 +190,11 @@ impl Limits {
         self.ramp_time.is_jerk_limited()
     }
 
+    /// Returns the time in which an acceleration rises to its limit, s: 0 without limits of jerk.
+    pub(crate) fn ramp_s(&self) -> f32 {
+        self.ramp_time.seconds()
+    }
+
     /// Returns the acceleration along a line, mm/s².
     pub(crate) fn line_acceleration_mm_s2(&self, direction: &Axes<f32>) -> f32 {
         self.acceleration_along(&self.motors_of(*direction))
