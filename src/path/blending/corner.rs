@@ -184,7 +184,7 @@ impl<'a> Corner<'a> {
             radial: angle.radial_at_start(),
             tangents: [from, to],
             trimmed_mm: [trimmed_mm; 2],
-            rests_mm: [f32::MAX; 2],
+            rests_mm: self.rests_mm([trimmed_mm; 2]),
             deviation_mm: radius_mm * angle.excess(),
             shares,
             has_slack: left_mm - half_mm >= Limits::FULL_SLACK_LINE_S * before_mm_s,
@@ -234,11 +234,20 @@ impl<'a> Corner<'a> {
             radial: direction(fillet.radial(0)),
             tangents,
             trimmed_mm,
-            rests_mm: [0, 1].map(|n| left_mm[n] - trimmed_mm[n]),
+            rests_mm: self.rests_mm(trimmed_mm),
             deviation_mm: fillet.deviation_mm as f32,
             shares,
             has_slack: self.before.arc.is_none() && is_resting,
         })
+    }
+
+    /// Returns what is left of each move, mm: of the move after the corner, the next corner may take half.
+    fn rests_mm(&self, trimmed_mm: [f32; 2]) -> [f32; 2] {
+        let [before_mm, after_mm] = trimmed_mm;
+        [
+            self.before.left_mm() - before_mm,
+            0.5 * self.after.length_mm - after_mm,
+        ]
     }
 
     /// Returns what an arc has to keep to.
