@@ -15,6 +15,6 @@ mod trapezoid;
 pub use cycles::homing::Homing;
 pub use jerk_limited::{BLOCKS_PER_PART, TARGETS_AHEAD};
 pub use lookahead::LookAhead;
-pub use prepare::{BegunRun, Motion, Prepared, REQUEST_INTERVAL_TICKS};
+pub use prepare::{Motion, Prepared, REQUEST_INTERVAL_TICKS, RunInProgress};
 pub use queue::{BLOCKS, QueuedBlock};
 pub use segment_rate::{MAX_STEP_RATE_HZ, MEAN_SEGMENT_US, STEPS_PER_SEGMENT};

@@ -76,7 +76,7 @@ impl Prepared {
 
 /// A run that has begun, with what was found then.
 #[derive(Debug, Clone, Copy)]
-pub struct BegunRun<'a> {
+pub struct RunInProgress<'a> {
     requests: &'a Requests,
     segments: &'a SegmentRing,
     conditions: RunConditions,
@@ -370,7 +370,7 @@ impl Motion {
         &mut self,
         requests: &'a Requests,
         segments: &'a SegmentRing,
-    ) -> Option<BegunRun<'a>> {
+    ) -> Option<RunInProgress<'a>> {
         let conditions = self.conditions(requests, segments);
         let makes_segment = match self.next_run(conditions, segments) {
             NextRun::Segment => true,
@@ -380,7 +380,7 @@ impl Motion {
                 return None;
             }
         };
-        Some(BegunRun {
+        Some(RunInProgress {
             requests,
             segments,
             conditions,
@@ -391,13 +391,13 @@ impl Motion {
     /// Does what remains of a run, and publishes the machine in `snapshot`.
     pub fn run(
         &mut self,
-        begun: BegunRun<'_>,
+        begun: RunInProgress<'_>,
         inputs: &Inputs,
         entries: &mut Consumer<'_, Entry>,
         events: &mut EventWriter<'_>,
         snapshot: &mut Snapshot,
     ) -> Prepared {
-        let BegunRun {
+        let RunInProgress {
             requests,
             segments,
             conditions,

@@ -12,12 +12,12 @@ const FINAL_MM_S: f32 = 0.02;
 /// Part of the jerk that the last sample may have: the distance left adds to the jerk.
 const FINAL_JERK_PART: f32 = 0.6;
 /// How many times that distance may be left before a standstill.
-const FINAL_TIMES: f32 = 3.0;
+const FINAL_AIMED_FACTOR: f32 = 3.0;
 /// Distance that is made up for in a sample, mm; or more, a part of the remainder and of the distance that a sample's jerk
 /// makes. None is seen as a jerk (tests in profile/tests.rs).
 const FINAL_MM: f32 = 4.0e-5;
-const FINAL_SHARE: f32 = 0.33;
-const FINAL_PART: f32 = 0.18;
+const MADE_UP_REMAINDER_SHARE: f32 = 0.33;
+const MADE_UP_JERK_PART: f32 = 0.18;
 /// Distance in two samples up to which a change by that is no jerk, mm.
 const CREEP_MM: f32 = 4.0e-5;
 
@@ -33,7 +33,7 @@ const JERK_TOLERANCE: f32 = 1.01;
 /// Greatest share of the difference between the lowest acceleration and an unsafe one that is tried. A target passed
 /// more slowly is no target any more, so that little can be interpolated: with a share of 1, programs of short lines
 /// take 1 % longer.
-const MOST_SHARE: f32 = 0.5;
+const MAX_INTERPOLATED_SHARE: f32 = 0.5;
 
 /// Distance that a slack may be short of, mm and s of motion: braking with its tolerance makes up for it.
 const SLACK_TOLERANCE_MM: f32 = 2.0e-4;
@@ -251,7 +251,7 @@ impl ReferenceMotion {
         let aimed_mm = AIMED_MM_PER_MM_S2 * path.braking_mm_s2;
         if junction.is_stop()
             && (is_final || before <= FINAL_MM_S)
-            && path.start.remaining_mm <= final_mm + FINAL_TIMES * aimed_mm
+            && path.start.remaining_mm <= final_mm + FINAL_AIMED_FACTOR * aimed_mm
         {
             return self.creep(blocks, path, final_mm);
         }
@@ -303,8 +303,8 @@ impl ReferenceMotion {
     fn made_up_mm(&self, path: &SampleLimits) -> f32 {
         let by_jerk_mm = path.change_mm_s2 * (SAMPLE_S * SAMPLE_S);
         let part_mm = math::min(
-            FINAL_PART * by_jerk_mm,
-            FINAL_SHARE * path.start.remaining_mm,
+            MADE_UP_JERK_PART * by_jerk_mm,
+            MADE_UP_REMAINDER_SHARE * path.start.remaining_mm,
         );
         let most_mm = math::max(FINAL_MM, part_mm);
         let [newest_mm, older_mm] = self.newest.map(|distance| distance as f32 * UNIT_MM);
@@ -421,7 +421,7 @@ impl ReferenceMotion {
         if least <= 0.0 {
             return lowest;
         }
-        let share = math::min(least / (least - slack), MOST_SHARE);
+        let share = math::min(least / (least - slack), MAX_INTERPOLATED_SHARE);
         let tried = lowest + share * (wanted - lowest);
         let is_safe = ahead.least_slack_mm(tried).0 >= 0.0;
         if is_safe { tried } else { lowest }

@@ -31,7 +31,7 @@ const CRUISING_PART: f64 = 0.95;
 const SHORT_BEND_PART: f64 = 0.98;
 /// Greatest duration of a short bend, ramp times, and its least angle, rad.
 const SHORT_BEND_RAMPS: f64 = 1.1;
-const BEND_RAD: f64 = 2.5;
+const MIN_SHORT_BEND_RAD: f64 = 2.5;
 /// The same on corner arcs: 0.8 is left.
 const CORNER_ARC_PART: f64 = 0.6;
 /// An arc of that angle or more is a circle: most begin and end at a standstill or a corner, rad.
@@ -140,7 +140,7 @@ impl Limits {
             let is_short = f64::from(length_mm) <= short_s * end.centripetal_mm_s(1.0);
             let most = if angle >= CIRCLE_RAD {
                 CENTRIPETAL_PART
-            } else if is_short && angle >= BEND_RAD {
+            } else if is_short && angle >= MIN_SHORT_BEND_RAD {
                 SHORT_BEND_PART
             } else {
                 CRUISING_PART

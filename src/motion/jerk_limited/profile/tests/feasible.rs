@@ -10,7 +10,7 @@ use crate::path::Block;
 
 const SAMPLE_S: f64 = 1.0e-3;
 /// What braking may leave of the path, mm.
-const LEFT_MM: f64 = 2.0e-4;
+const REMAINDER_TOLERANCE_MM: f64 = 2.0e-4;
 
 /// A block as a plan sees it.
 #[derive(Debug, Clone, Copy)]
@@ -207,7 +207,7 @@ impl FeasiblePlan<'_> {
         while self.number < self.parts.len() {
             let stops = self.corner(self.number) <= 0.0;
             let is_left = if stops && self.state.speed <= CREEP {
-                self.remaining <= LEFT_MM
+                self.remaining <= REMAINDER_TOLERANCE_MM
             } else {
                 self.remaining <= 0.0
             };

@@ -12,9 +12,9 @@ use crate::{
 };
 
 /// Numbers that are the same each time.
-struct Numbers(u64);
+struct RandomNumbers(u64);
 
-impl Numbers {
+impl RandomNumbers {
     fn new(seed: u64) -> Self {
         Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1)
     }
@@ -53,7 +53,7 @@ const KINDS: [ProgramKind; 4] = [
 
 /// A program that grows.
 struct Program {
-    numbers: Numbers,
+    numbers: RandomNumbers,
     at: [f64; 2],
     heading: f64,
     feed: f32,
@@ -167,7 +167,7 @@ impl Program {
 
 /// A program of a kind.
 fn program(kind: ProgramKind, seed: u64) -> Vec<Command> {
-    let mut numbers = Numbers::new(seed);
+    let mut numbers = RandomNumbers::new(seed);
     let feed = numbers.between(1500.0, 4500.0) as f32;
     let mut program = Program {
         numbers,
