@@ -128,6 +128,8 @@ const PLATE_MM: f64 = 10.0;
 const STORING_MS: u64 = 400;
 /// More time than the firmware takes for a line from a reset on, ms.
 const SILENCE_MS: u64 = 100;
+/// By then the drivers are off: more than the default of `$1`, 25 ms.
+const DRIVERS_OFF_MS: u64 = 50;
 /// Ctrl-X.
 const RESET: &[u8] = &[0x18];
 /// What a machine that moves nothing must not do.
@@ -387,6 +389,7 @@ fn everyday(bench: &Bench, has_limit: bool) -> Vec<Act> {
             Act::line("$X"),
             Act::line("$21=0"),
             Act::State("Idle"),
+            Act::Pause(DRIVERS_OFF_MS),
             Act::Compare,
         ]);
     }
