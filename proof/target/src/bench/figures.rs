@@ -184,7 +184,7 @@ pub(super) fn all([one, three, lines, raster]: [&Run; 4], parts: Parts) -> Resul
         Figure::sum(
             "cycles_per_period_3axis",
             "all tasks, 3 axes at 100, 73, 51 kHz, per 10 µs",
-            None,
+            Some(420.0),
             three,
             |_| true,
         ),

@@ -68,7 +68,7 @@ impl Page {
         let compiler = compiler.split(" (").next().unwrap_or(compiler).to_owned();
         let mut block = format!(
             "`cargo xtask bench` on {board}, {compiler}:\n\n\
-             | figure | cycles | first target | grblHAL in the same model |\n|---|---|---|---|\n"
+             | figure | cycles | target | grblHAL in the same model |\n|---|---|---|---|\n"
         );
         for figure in figures {
             let target = figure.target.map_or_else(String::new, |most| {
